@@ -1,0 +1,368 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Every tunable number, once: default, unit, range and meaning.
+
+One frozen section per module; the module takes its own section, the nodes declare ROS
+parameters from it (``section.name``), and ``config/heightmap25d.yaml`` and the README's table
+are generated from it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from heightmap25d_ros.errors import InputError
+
+Value = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spec:
+    """What is known of one parameter besides its name and default."""
+
+    meaning: str
+    unit: str = ""
+    low: float = -math.inf
+    high: float = math.inf
+    choices: tuple[str, ...] = ()
+
+    @property
+    def range_text(self) -> str:
+        """The admitted values in words, empty where every value of the type is admitted."""
+        if self.choices:
+            return " | ".join(self.choices)
+        if math.isinf(self.low) and math.isinf(self.high):
+            return ""
+        return f"{self.low:g} .. {self.high:g}"
+
+
+def _parameter(default: Any, meaning: str, unit: str = "", **limits: Any) -> Any:
+    return field(
+        default=default, metadata={"spec": Spec(meaning=meaning, unit=unit, **limits)}
+    )
+
+
+class _Section:
+    """Checks its own values, so that a section in hand is a valid one."""
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        for name, spec, value in specs(self):
+            _check(name, spec, value)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GridParams(_Section):
+    """The lattice of cells."""
+
+    resolution: float = _parameter(0.125, "side of a cell", "m", low=0.01, high=10.0)
+    extent: float = _parameter(
+        4096.0, "side of the square around the start that can be mapped", "m", low=8.0, high=32768.0
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorParams(_Section):
+    """From ranges to beams, and how far a beam is believed.
+
+    The four likelihoods are pairs, at range 0 and at ``max_range``, linear in between.
+    """
+
+    max_range: float = _parameter(
+        30.0, "returns from farther away clear, but do not hit", "m", low=0.5, high=200.0
+    )
+    clearing_range: float = _parameter(
+        10.0, "how far a beam without return clears", "m", low=0.0, high=200.0
+    )
+    min_height: float = _parameter(
+        -5.0, "returns lower than this above base_link are not mapped", "m", low=-327.0, high=327.0
+    )
+    max_height: float = _parameter(
+        2.0, "returns higher than this above base_link (ceilings) are not mapped", "m",
+        low=-327.0, high=327.0,
+    )  # fmt: skip
+    hit_given_object: tuple[float, ...] = _parameter(
+        (0.80, 0.60), "P(s|O): a return where there is an object", low=0.01, high=0.99
+    )
+    hit_given_empty: tuple[float, ...] = _parameter(
+        (0.20, 0.40), "P(s|not O): a return where there is none", low=0.01, high=0.99
+    )
+    miss_given_object: tuple[float, ...] = _parameter(
+        (0.30, 0.45), "P(miss|O): a beam passes where there is an object", low=0.01, high=0.99
+    )
+    miss_given_empty: tuple[float, ...] = _parameter(
+        (0.70, 0.55), "P(miss|not O): a beam passes where there is none", low=0.01, high=0.99
+    )
+
+    def __post_init__(self) -> None:
+        _Section.__post_init__(self)
+        for name in _LIKELIHOODS:
+            if len(getattr(self, name)) != 2:
+                raise InputError(f"parameter {name}: needs two numbers, at 0 m and at max_range")
+        if self.min_height >= self.max_height:
+            raise InputError("parameter min_height: must be below max_height")
+        if any(o <= e for o, e in zip(self.hit_given_object, self.hit_given_empty, strict=True)):
+            raise InputError("parameter hit_given_object: must exceed hit_given_empty")
+        if any(o >= e for o, e in zip(self.miss_given_object, self.miss_given_empty, strict=True)):
+            raise InputError("parameter miss_given_object: must be below miss_given_empty")
+
+
+_LIKELIHOODS = ("hit_given_object", "hit_given_empty", "miss_given_object", "miss_given_empty")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MapperParams(_Section):
+    """The update of a cell."""
+
+    update_rule: str = _parameter(
+        "candidate",
+        "paper: literal; candidate: a higher reading waits beside the stored one for a second",
+        choices=("candidate", "paper"),
+    )
+    height_tolerance: float = _parameter(
+        0.10, "T: readings this close to the stored height confirm it", "m", low=0.0, high=10.0
+    )
+    probability_threshold: float = _parameter(
+        0.50, "cells believed less than this are unknown", low=0.01, high=0.99
+    )
+    probability_min: float = _parameter(
+        0.02, "no observed cell is believed less than this", low=0.0, high=0.5
+    )
+    probability_max: float = _parameter(
+        0.98, "no cell is believed more than this, so that every cell can change", low=0.5, high=1.0
+    )
+    replace_belief: float = _parameter(
+        0.50, "P(s|O) that a higher reading needs to replace the stored one", low=0.0, high=1.0
+    )
+    candidate_belief: float = _parameter(
+        0.85, "candidate: belief at which it takes the stored height's place", low=0.0, high=1.0
+    )
+    clearing_margin: float = _parameter(
+        0.05, "candidate: a beam contradicts heights only this far above itself (paper: 0)", "m",
+        low=0.0, high=1.0,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TraversabilityParams(_Section):
+    """What the robot can drive over."""
+
+    max_step: float = _parameter(
+        0.10, "height difference of neighbouring cells that the robot climbs", "m",
+        low=0.01, high=10.0,
+    )  # fmt: skip
+    max_slope: float = _parameter(
+        0.44, "slope of the ground under the footprint that the robot climbs", "rad",
+        low=0.01, high=1.5,
+    )  # fmt: skip
+    max_roughness: float = _parameter(
+        0.05, "rms distance of the ground from its plane at which the cost is full", "m",
+        low=0.001, high=10.0,
+    )  # fmt: skip
+    robot_radius: float = _parameter(
+        0.50, "radius of the disc that covers the robot", "m", low=0.0, high=5.0
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IntakeParams(_Section):
+    """Which messages are taken, and how long a scan waits for its poses."""
+
+    scan_topics: tuple[str, ...] = _parameter(("scan",), "LaserScan topics, one per laser")
+    mounts: tuple[float, ...] = _parameter(
+        (), "x, y, z, roll, pitch, yaw of each laser in base_link; empty: from /tf", "m, rad"
+    )
+    base_frame: str = _parameter("base_link", "the robot's frame")
+    odom_gap: float = _parameter(
+        1.0, "poses farther apart than this are not interpolated", "s", low=0.001, high=60.0
+    )
+    wait_limit: float = _parameter(
+        1.0, "a scan is dropped when its poses have not come by then", "s", low=0.0, high=60.0
+    )
+
+    def __post_init__(self) -> None:
+        _Section.__post_init__(self)
+        if self.mounts and len(self.mounts) != 6 * len(self.scan_topics):
+            raise InputError(
+                f"parameter intake.mounts: {len(self.mounts)} numbers for "
+                f"{len(self.scan_topics)} lasers; needs six for each, or none"
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MappingParams(_Section):
+    """The mapping node."""
+
+    map_frame: str = _parameter("map", "frame_id of what is published")
+    publish_rate: float = _parameter(
+        2.0, "most often that maps are published", "Hz", low=0.05, high=50.0
+    )
+    map_directory: str = _parameter("maps", "where save_map and load_map keep their maps")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Params:
+    """All sections together."""
+
+    grid: GridParams = field(default_factory=GridParams)
+    sensor: SensorParams = field(default_factory=SensorParams)
+    mapper: MapperParams = field(default_factory=MapperParams)
+    traversability: TraversabilityParams = field(default_factory=TraversabilityParams)
+    intake: IntakeParams = field(default_factory=IntakeParams)
+    mapping: MappingParams = field(default_factory=MappingParams)
+
+
+def specs(section: Any) -> Iterator[tuple[str, Spec, Value]]:
+    """Name, spec and value of each parameter of a section."""
+    for entry in dataclasses.fields(section):
+        yield entry.name, entry.metadata["spec"], getattr(section, entry.name)
+
+
+def flatten(params: Params) -> dict[str, tuple[Spec, Value]]:
+    """``section.name`` -> spec and value, in order of definition."""
+    return {
+        f"{section.name}.{name}": (spec, value)
+        for section in dataclasses.fields(params)
+        for name, spec, value in specs(getattr(params, section.name))
+    }
+
+
+def _check(name: str, spec: Spec, value: Value) -> None:
+    if spec.choices and value not in spec.choices:
+        raise InputError(f"parameter {name}: {value!r} is not one of {', '.join(spec.choices)}")
+    for number in value if isinstance(value, tuple) else (value,):
+        if isinstance(number, float) and not (
+            math.isfinite(number) and spec.low <= number <= spec.high
+        ):
+            raise InputError(f"parameter {name}: {number:g} is not within {spec.range_text}")
+
+
+def _convert(name: str, given: Any, default: Value) -> Value:
+    """The given value as the default's type; integers pass for floats, lists for tuples."""
+    if isinstance(default, tuple):
+        entry_type = str if default and isinstance(default[0], str) else float
+        if not isinstance(given, list | tuple):
+            raise InputError(f"parameter {name}: {given!r} is not a list")
+        return tuple(_convert(name, entry, entry_type()) for entry in given)
+    if isinstance(default, float) and isinstance(given, int) and not isinstance(given, bool):
+        return float(given)
+    if type(given) is not type(default):
+        raise InputError(f"parameter {name}: {given!r} is not a {type(default).__name__}")
+    return given  # type: ignore[no-any-return]
+
+
+def with_values(params: Params, values: Mapping[str, Any]) -> Params:
+    """Copy of the parameters with some values replaced, all of them or none.
+
+    Parameters
+    ----------
+    params : Params
+    values : mapping of ``section.name`` to a value
+
+    Raises
+    ------
+    InputError
+        For an unknown name (the nearest right one is suggested), a wrong type, a value out of
+        its range.
+    """
+    known = flatten(params)
+    changes: dict[str, dict[str, Value]] = {}
+    for name, given in values.items():
+        if name not in known:
+            nearest = difflib.get_close_matches(name, known, n=1, cutoff=0.4)
+            hint = f"; did you mean {nearest[0]}?" if nearest else ""
+            raise InputError(f"parameter {name}: unknown{hint}")
+        section, _, key = name.partition(".")
+        changes.setdefault(section, {})[key] = _convert(name, given, known[name][1])
+    try:
+        return dataclasses.replace(
+            params,
+            **{
+                section: dataclasses.replace(getattr(params, section), **replaced)
+                for section, replaced in changes.items()
+            },
+        )
+    except InputError as error:
+        raise InputError(str(error)) from None
+
+
+def read_yaml(path: Path, params: Params | None = None) -> Params:
+    """Parameters from a ROS parameter file, on top of the given ones or of the defaults.
+
+    Every ``ros__parameters`` block of the file is taken, whatever its node's name is.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is not a parameter file, or holds a bad parameter.
+    """
+    try:
+        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"{path}: {reason}") from None
+    values: dict[str, Any] = {}
+    for node, block in _mapping(path, "the file", document).items():
+        body = _mapping(path, node, block).get("ros__parameters")
+        values.update(_dotted(_mapping(path, f"{node}.ros__parameters", body)))
+    try:
+        return with_values(params or Params(), values)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def _mapping(path: Path, name: str, value: Any) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise InputError(f"{path}: {name} is not a mapping, as in a ROS parameter file")
+    return value
+
+
+def _dotted(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for name, value in tree.items():
+        if isinstance(value, dict):
+            yield from _dotted(value, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", value
+
+
+def _yaml_value(value: Value) -> str:
+    text = yaml.safe_dump(list(value) if isinstance(value, tuple) else value,
+                          default_flow_style=True)  # fmt: skip
+    return text.removesuffix("...\n").strip()
+
+
+def as_yaml(params: Params) -> str:
+    """The parameters as a ROS parameter file with units, ranges and meanings as comments."""
+    lines = [
+        "# Generated from heightmap25d_ros/params.py by `heightmap25d info --parameters`.",
+        "/**:",
+        "  ros__parameters:",
+    ]
+    for section in dataclasses.fields(params):
+        lines.append(f"    {section.name}:")
+        for name, spec, value in specs(getattr(params, section.name)):
+            facts = ", ".join(filter(None, [spec.unit, spec.range_text]))
+            comment = spec.meaning + (f" [{facts}]" if facts else "")
+            lines += [f"      # {comment}", f"      {name}: {_yaml_value(value)}"]
+    return "\n".join(lines) + "\n"
+
+
+def as_markdown(params: Params) -> str:
+    """The parameters as a table for the README."""
+    lines = ["| parameter | default | unit | range | meaning |", "|---|---|---|---|---|"]
+    for name, (spec, value) in flatten(params).items():
+        range_text = spec.range_text.replace("|", "\\|")
+        meaning = spec.meaning.replace("|", "\\|")
+        lines.append(
+            f"| `{name}` | {_yaml_value(value)} | {spec.unit} | {range_text} | {meaning} |"
+        )
+    return "\n".join(lines) + "\n"
