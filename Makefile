@@ -1,0 +1,24 @@
+# Every target sets up what it needs first; a set-up that is complete takes a moment.
+SHELL := /bin/bash
+.SHELLFLAGS := -euo pipefail -c
+.DEFAULT_GOAL := build
+.PHONY: build demo test bench lint clean
+
+build: ## ROS 2 Jazzy, the Python packages, and both ROS packages under install/
+	@scripts/setup.sh
+
+demo: build ## a recorded bag through the real nodes to a map, under out/demo/
+	@source env.sh && python scripts/demo.py
+
+test: build ## the tests
+	@source env.sh && python -m pytest test
+
+bench: build ## the measurements, also as out/bench.json
+	@source env.sh && pip install -qq --constraint requirements/pins.txt \
+	  --requirement requirements/bench.txt && python benchmarks/run.py
+
+lint: build ## style and types
+	@source env.sh && ruff check && ruff format --check && mypy
+
+clean: ## removes everything that the other targets make
+	rm -rf .venv build install log out

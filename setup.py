@@ -1,0 +1,43 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What colcon installs: the Python package, its executables and its shared files."""
+
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+NAME = "heightmap25d_ros"
+
+
+def shared(folder: str) -> tuple[str, list[str]]:
+    """The files of one folder, and where `ros2 launch` and others look for them."""
+    files = sorted(str(path) for path in Path(folder).glob("*") if path.is_file())
+    return f"share/{NAME}/{folder}", files
+
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description="2 1/2-D height maps from planar lasers on a wheeled robot",
+    maintainer="heightmap25d_ros authors",
+    maintainer_email="heightmap25d@example.org",
+    license="Apache-2.0",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        ("bin", ["scripts/heightmap25d"]),
+        shared("config"),
+        shared("launch"),
+        shared("rviz"),
+    ],
+    python_requires=">=3.10",
+    zip_safe=True,
+    entry_points={
+        "console_scripts": [
+            "heightmap25d = heightmap25d_ros.cli:main",
+            "mapping = heightmap25d_ros.nodes.mapping:main",
+            "replay = heightmap25d_ros.nodes.replay:main",
+        ],
+    },
+)
