@@ -1,0 +1,340 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The paper on one screen: beams into cells.
+
+A beam clears the cells that it passes over (`_clear`) and raises, confirms or leaves alone the
+cell that it ends in (`_hit`), by eq. (1) to (4) of Fong et al. (2003). Inside the kernels x and
+y are counted in cells from the grid's corner, z in centimetres, and a beam is
+``origin + t * (end - origin)`` with t from 0 to 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from heightmap25d_ros.grid import (
+    HEIGHT_LIMIT,
+    HEIGHT_RESOLUTION,
+    PROBABILITY_SCALE,
+    TILE,
+    TOP_BIAS,
+    HeightGrid,
+    stored_probability,
+)
+from heightmap25d_ros.params import MapperParams, SensorParams
+from heightmap25d_ros.sensor import Beams
+
+_OBSERVED = 1  # a tile_top: observed, though none of its cells has a height now
+_NO_EXTENT = 1e-12  # [cells] a beam that moves less than this along an axis never leaves a cell
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Integrated:
+    """What became of the beams of a scan.
+
+    Attributes
+    ----------
+    hits : int
+        Returns that were merged into a cell.
+    clipped : int
+        Of these, the ones beyond +-327 m, stored as +-327 m.
+    outside : int
+        Returns beyond the extent of the grid, lost.
+    """
+
+    hits: int
+    clipped: int
+    outside: int
+
+
+class Mapper:
+    """Merges beams into a grid.
+
+    Parameters
+    ----------
+    grid : HeightGrid
+    sensor : SensorParams
+    params : MapperParams
+    """
+
+    def __init__(self, grid: HeightGrid, sensor: SensorParams, params: MapperParams) -> None:
+        self.grid = grid
+        self.params = params
+        candidate = params.update_rule == "candidate"
+        self._hit = _Likelihoods(
+            *sensor.hit_given_object, *sensor.hit_given_empty, sensor.max_range
+        )
+        self._miss = _Likelihoods(
+            *sensor.miss_given_object, *sensor.miss_given_empty, sensor.max_range
+        )
+        self._rule = _Rule(
+            candidate=candidate,
+            tolerance=round(params.height_tolerance / HEIGHT_RESOLUTION),
+            clearing_margin=params.clearing_margin / HEIGHT_RESOLUTION if candidate else 0.0,
+            known=stored_probability(params.probability_threshold),
+            lowest=stored_probability(params.probability_min),
+            highest=stored_probability(params.probability_max),
+            replace_belief=params.replace_belief,
+            candidate_belief=stored_probability(params.candidate_belief),
+        )
+
+    def integrate(self, beams: Beams) -> Integrated:
+        """Merge the beams, one after the other."""
+        geometry = self.grid.geometry
+        scale = np.array([1 / geometry.resolution] * 2 + [1 / HEIGHT_RESOLUTION])
+        corner = np.array([*geometry.origin, 0.0])
+        hits, clipped, outside = _integrate(
+            (beams.origins - corner) * scale,
+            (beams.ends - corner) * scale,
+            np.linalg.norm(beams.ends - beams.origins, axis=1),
+            beams.is_hit,
+            self.grid.height.cells,
+            self.grid.probability.cells,
+            self.grid.candidate_height.cells,
+            self.grid.candidate_probability.cells,
+            self.grid.tile_top,
+            self.grid.tile_changed,
+            self._hit,
+            self._miss,
+            self._rule,
+        )
+        return Integrated(hits=hits, clipped=clipped, outside=outside)
+
+
+class _Likelihoods(NamedTuple):
+    """P(.|O) and P(.|not O) of a reading, at range 0 (near) and at ``max_range`` (far)."""
+
+    object_near: float
+    object_far: float
+    empty_near: float
+    empty_far: float
+    max_range: float
+
+
+class _Rule(NamedTuple):
+    """MapperParams in the units of the stored cells."""
+
+    candidate: bool
+    tolerance: int
+    clearing_margin: float
+    known: int
+    lowest: int
+    highest: int
+    replace_belief: float
+    candidate_belief: int
+
+
+@njit(cache=True)
+def _likelihoods(distance, model):
+    """P(.|O) and P(.|not O) of a reading at a distance [m]."""
+    far = min(distance / model.max_range, 1.0)
+    given_object = model.object_near + far * (model.object_far - model.object_near)
+    given_empty = model.empty_near + far * (model.empty_far - model.empty_near)
+    return given_object, given_empty
+
+
+@njit(cache=True)
+def _stored(probability, rule):
+    """A probability as it is stored, clamped so that the cell can still change."""
+    return min(max(int(probability * PROBABILITY_SCALE + 0.5), rule.lowest), rule.highest)
+
+
+@njit(cache=True)
+def _bayes(stored, given_object, given_empty, rule):
+    """Eq. (4), with P(s|not O) in the second term, as the text under it has it."""
+    prior = stored / PROBABILITY_SCALE
+    for_object = given_object * prior
+    return _stored(for_object / (for_object + given_empty * (1.0 - prior)), rule)
+
+
+@njit(cache=True)
+def _hit(cell, z, distance, model, rule):
+    """A cell after a return at height z [cm].
+
+    A cell is (height, probability, candidate height, candidate probability).
+    """
+    height, probability, candidate_height, candidate = cell
+    given_object, given_empty = _likelihoods(distance, model)
+    if probability < rule.known:
+        return z, _stored(given_object, rule), 0, 0  # eq. (1), (2)
+    if z > height + rule.tolerance:
+        if given_object < rule.replace_belief:
+            return cell
+        if rule.candidate:
+            return _propose(cell, z, given_object, given_empty, rule)
+        return z, _stored(given_object, rule), 0, 0  # eq. (1), (2)
+    if z >= height - rule.tolerance:
+        belief = _bayes(probability, given_object, given_empty, rule)
+        return max(z, height), belief, candidate_height, candidate  # eq. (3), (4)
+    return cell
+
+
+@njit(cache=True)
+def _propose(cell, z, given_object, given_empty, rule):
+    """A cell after a reading far above its height: the paper's candidate.
+
+    Two such readings support the lower one of them, because objects are complete from the
+    ground up: what is seen at 2 m is also there at 1 m. The higher one goes on waiting, unless
+    the two are the same height within the tolerance.
+    """
+    height, probability, candidate_height, candidate = cell
+    if candidate == 0:
+        return height, probability, z, _stored(given_object, rule)
+    lower, higher = min(z, candidate_height), max(z, candidate_height)
+    is_same = higher - lower <= rule.tolerance
+    supported = higher if is_same else lower
+    belief = _bayes(candidate, given_object, given_empty, rule)
+    if belief < rule.candidate_belief:
+        return height, probability, supported, belief
+    return supported, belief, higher, 0 if is_same else _stored(given_object, rule)
+
+
+@njit(cache=True)
+def _miss(cell, beam_height, distance, model, rule):
+    """A cell after a beam passed over it: what stands at or above it is believed less."""
+    height, probability, candidate_height, candidate = cell
+    given_object, given_empty = _likelihoods(distance, model)
+    if candidate > 0 and candidate_height >= beam_height:
+        candidate = _bayes(candidate, given_object, given_empty, rule)
+        candidate = candidate if candidate >= rule.known else 0
+    if probability >= rule.known and height >= beam_height:
+        probability = _bayes(probability, given_object, given_empty, rule)
+    return height, probability, candidate_height, candidate
+
+
+@njit(cache=True)
+def _integrate(
+    origins, ends, lengths, is_hit, heights, probabilities, candidate_heights, candidates,
+    tile_top, tile_changed, hit_model, miss_model, rule,
+):  # fmt: skip
+    """Merge beams, shapes (N, 3), (N, 3), (N,), (N,); returns the counts of `Integrated`."""
+    hits = clipped = outside = 0
+    for beam in range(len(ends)):
+        origin = origins[beam, 0], origins[beam, 1], origins[beam, 2]
+        end = ends[beam, 0], ends[beam, 1], ends[beam, 2]
+        _clear(
+            origin, end, lengths[beam], heights, probabilities, candidate_heights, candidates,
+            tile_top, tile_changed, miss_model, rule,
+        )  # fmt: skip
+        if not is_hit[beam]:
+            continue
+        iy, ix = int(np.floor(end[1])), int(np.floor(end[0]))
+        ty, tx, y, x = iy // TILE, ix // TILE, iy % TILE, ix % TILE
+        if not (0 <= ty < tile_top.shape[0] and 0 <= tx < tile_top.shape[1]):
+            outside += 1
+            continue
+        z = int(np.floor(end[2] + 0.5))
+        clipped += abs(z) > HEIGHT_LIMIT
+        z = min(max(z, -HEIGHT_LIMIT), HEIGHT_LIMIT)
+        before = (
+            np.int64(heights[ty, tx, y, x]), np.int64(probabilities[ty, tx, y, x]),
+            np.int64(candidate_heights[ty, tx, y, x]), np.int64(candidates[ty, tx, y, x]),
+        )  # fmt: skip
+        after = _hit(before, z, lengths[beam], hit_model, rule)
+        heights[ty, tx, y, x], probabilities[ty, tx, y, x] = after[0], after[1]
+        candidate_heights[ty, tx, y, x], candidates[ty, tx, y, x] = after[2], after[3]
+        if after[0] != before[0] or before[1] < rule.known:
+            tile_changed[ty, tx] = 1
+        tile_top[ty, tx] = max(tile_top[ty, tx], max(after[0], z) + TOP_BIAS)
+        hits += 1
+    return hits, clipped, outside
+
+
+@njit(cache=True)
+def _clear(
+    origin, end, length, heights, probabilities, candidate_heights, candidates,
+    tile_top, tile_changed, model, rule,
+):  # fmt: skip
+    """Walk the tiles under a beam, and the cells of those that may reach up to it."""
+    dz = end[2] - origin[2]
+    ray_x, ray_y = _axis(origin[0], end[0]), _axis(origin[1], end[1])
+    tx, ty = int(np.floor(origin[0])) // TILE, int(np.floor(origin[1])) // TILE
+    entered = 0.0
+    while entered < 1.0:
+        exit_x, exit_y = _exit(tx, TILE, ray_x), _exit(ty, TILE, ray_y)
+        left = min(exit_x, exit_y, 1.0)
+        if 0 <= ty < tile_top.shape[0] and 0 <= tx < tile_top.shape[1]:
+            lowest = origin[2] + dz * (left if dz < 0.0 else entered) + rule.clearing_margin
+            if tile_top[ty, tx] - TOP_BIAS >= lowest and _clear_tile(
+                ty, tx, entered, left, ray_x, ray_y, origin, end, length,
+                heights, probabilities, candidate_heights, candidates, model, rule,
+            ):  # fmt: skip
+                tile_changed[ty, tx] = 1
+                tile_top[ty, tx] = _top_of(
+                    ty, tx, heights, probabilities, candidate_heights, candidates, rule
+                )
+        entered = left
+        if exit_x < exit_y:
+            tx += ray_x[3]
+        else:
+            ty += ray_y[3]
+
+
+@njit(cache=True)
+def _clear_tile(
+    ty, tx, entered, left, ray_x, ray_y, origin, end, length,
+    heights, probabilities, candidate_heights, candidates, model, rule,
+):  # fmt: skip
+    """Lower the belief in what stands in the beam; whether a cell became unknown by it."""
+    is_lost = False
+    first_x, first_y = int(np.floor(origin[0])), int(np.floor(origin[1]))
+    last_x, last_y = int(np.floor(end[0])), int(np.floor(end[1]))
+    x = min(max(int(np.floor(origin[0] + entered * ray_x[1])) - tx * TILE, 0), TILE - 1)
+    y = min(max(int(np.floor(origin[1] + entered * ray_y[1])) - ty * TILE, 0), TILE - 1)
+    while entered < left and 0 <= x < TILE and 0 <= y < TILE:
+        ix, iy = tx * TILE + x, ty * TILE + y
+        exit_x, exit_y = _exit(ix, 1, ray_x), _exit(iy, 1, ray_y)
+        exited = min(exit_x, exit_y, left)
+        middle = 0.5 * (entered + exited)
+        beam_height = origin[2] + middle * (end[2] - origin[2]) + rule.clearing_margin
+        is_end = (ix == first_x and iy == first_y) or (ix == last_x and iy == last_y)
+        if not is_end and (heights[ty, tx, y, x] >= beam_height or candidates[ty, tx, y, x] > 0):
+            before = (
+                np.int64(heights[ty, tx, y, x]), np.int64(probabilities[ty, tx, y, x]),
+                np.int64(candidate_heights[ty, tx, y, x]), np.int64(candidates[ty, tx, y, x]),
+            )  # fmt: skip
+            after = _miss(before, beam_height, middle * length, model, rule)
+            probabilities[ty, tx, y, x], candidates[ty, tx, y, x] = after[1], after[3]
+            is_lost |= after[1] < rule.known <= before[1]
+        entered = exited
+        if exit_x < exit_y:
+            x += ray_x[3]
+        else:
+            y += ray_y[3]
+    return is_lost
+
+
+@njit(cache=True)
+def _axis(origin, end):
+    """A beam along one axis: origin, extent, t per cell, step, side of a cell it leaves by."""
+    extent = end - origin
+    if extent > _NO_EXTENT:
+        return origin, extent, 1.0 / extent, 1, 1
+    if extent < -_NO_EXTENT:
+        return origin, extent, 1.0 / extent, -1, 0
+    return origin, extent, np.inf, 1, 1
+
+
+@njit(cache=True)
+def _exit(index, size, ray):
+    """Where, as t, a beam leaves a cell or a tile along one axis; +inf: never."""
+    origin, _, t_per_cell, _, side = ray
+    return ((index + side) * size - origin) * t_per_cell
+
+
+@njit(cache=True)
+def _top_of(ty, tx, heights, probabilities, candidate_heights, candidates, rule):
+    """Highest height or candidate in a tile, as `HeightGrid.tile_top` has it."""
+    top = _OBSERVED
+    for y in range(TILE):
+        for x in range(TILE):
+            if probabilities[ty, tx, y, x] >= rule.known:
+                top = max(top, heights[ty, tx, y, x] + TOP_BIAS)
+            if candidates[ty, tx, y, x] > 0:
+                top = max(top, candidate_heights[ty, tx, y, x] + TOP_BIAS)
+    return top
