@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
 Matrix = NDArray[np.float64]
 
@@ -69,7 +69,7 @@ def inverse(pose: Matrix) -> Matrix:
 
 def transform_points(pose: Matrix, points: Matrix) -> Matrix:
     """Points (..., 3) [m] carried by a pose (..., 4, 4)."""
-    return np.einsum("...ij,...j->...i", pose[..., :3, :3], points) + pose[..., :3, 3]
+    return np.asarray(np.einsum("...ij,...j->...i", pose[..., :3, :3], points) + pose[..., :3, 3])
 
 
 def interpolate(stamps_ns: NDArray[np.int64], poses: Matrix, query_ns: ArrayLike) -> Matrix:
@@ -95,11 +95,30 @@ def interpolate(stamps_ns: NDArray[np.int64], poses: Matrix, query_ns: ArrayLike
         raise ValueError("a pose was asked for outside of the known stamps")
     if len(stamps_ns) == 1:
         return np.broadcast_to(poses[0], (len(query), 4, 4)).copy()
-    # Seconds since the first stamp: nanoseconds since 1970 do not fit into float64.
-    seconds = (stamps_ns - stamps_ns[0]) * 1e-9
-    query_seconds = (query - stamps_ns[0]) * 1e-9
-    position = np.stack(
-        [np.interp(query_seconds, seconds, poses[:, axis, 3]) for axis in range(3)], axis=-1
+    segment = np.clip(np.searchsorted(stamps_ns, query, side="right") - 1, 0, len(stamps_ns) - 2)
+    # Integers until the difference is taken: nanoseconds since 1970 do not fit into float64.
+    fraction = (query - stamps_ns[segment]) / np.diff(stamps_ns)[segment]
+    result = np.zeros((len(query), 4, 4))
+    position = poses[:, :3, 3]
+    result[:, :3, 3] = position[segment] + fraction[:, None] * np.diff(position, axis=0)[segment]
+    result[:, :3, :3] = _turned(poses[:, :3, :3], segment, fraction)
+    result[:, 3, 3] = 1.0
+    return result
+
+
+def _turned(rotation: Matrix, segment: NDArray[np.int64], fraction: Matrix) -> Matrix:
+    """Slerp: ``R0 exp(fraction * log(R0^T R1))`` in each segment, by Rodrigues' formula."""
+    start = rotation[:-1]
+    turn = Rotation.from_matrix(np.swapaxes(start, -1, -2) @ rotation[1:]).as_rotvec()
+    angle = np.linalg.norm(turn, axis=-1)
+    x, y, z = (turn / np.where(angle > 0.0, angle, 1.0)[:, None]).T
+    zero = np.zeros_like(x)
+    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(-1, 3, 3)
+    sine_part = start @ cross
+    cosine_part = sine_part @ cross
+    angle_now = (fraction * angle[segment])[:, None, None]
+    return np.asarray(
+        start[segment]
+        + np.sin(angle_now) * sine_part[segment]
+        + (1.0 - np.cos(angle_now)) * cosine_part[segment]
     )
-    rotation = Slerp(seconds, Rotation.from_matrix(poses[:, :3, :3]))(query_seconds)
-    return from_rotation(position, rotation)
