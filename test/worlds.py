@@ -58,9 +58,7 @@ def plane(z: float = 0.0, slope: tuple[float, float] = (0.0, 0.0)) -> Solid:
     return Solid((-inf, inf), (-inf, inf), (z, *slope))
 
 
-def box(
-    x: tuple[float, float], y: tuple[float, float], top: float, bottom: float = -inf
-) -> Solid:
+def box(x: tuple[float, float], y: tuple[float, float], top: float, bottom: float = -inf) -> Solid:
     """A flat top over a rectangle; a wall is a thin high one, a ceiling one with a bottom."""
     return Solid(x, y, (top, 0.0, 0.0), bottom)
 
@@ -132,7 +130,7 @@ def _entry(solid: Solid, origins: Array, directions: Array) -> Array:
     for normal, offset in zip(*solid.half_spaces(), strict=True):
         slack = offset - origins @ normal
         rate = directions @ normal
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             crossing = slack / rate
         np.maximum(enter, np.where(rate < 0.0, crossing, -inf), out=enter)
         np.minimum(leave, np.where(rate > 0.0, crossing, inf), out=leave)
