@@ -5,7 +5,7 @@
 #   PYTHON=python3.12 make build    # with that interpreter instead of python3
 set -euo pipefail
 
-heightmap25d_root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+heightmap25d_root=$(cd "$(dirname "$0")/.." && pwd)
 cd "$heightmap25d_root"
 
 fail() {
@@ -36,7 +36,7 @@ find_python() { # sets python; it must be the one that ROS was built for
     machine) check='import rclpy' ;;
     pypi) check='import sys; sys.exit(not (3, 10) <= sys.version_info[:2] <= (3, 14))' ;;
   esac
-  for candidate in ${PYTHON:-python3 /usr/bin/python3 python3.1{3,2,1,0}}; do
+  for candidate in ${PYTHON:-python3 /usr/bin/python3 python3.13 python3.12 python3.11 python3.10}; do
     if "$candidate" -c "$check" 2> /dev/null; then
       python=$candidate
       return
@@ -90,18 +90,24 @@ install_packages() { # makes .venv anew
       "$python" -m venv .venv
       .venv/bin/pip install -qq --constraint $pins --requirement requirements/runtime.txt \
         --requirement requirements/dev.txt --requirement requirements/ros.txt
-      correct_wheel_paths
+      make_ros_prefix
       ;;
   esac
 }
 
-correct_wheel_paths() { # the wheels' CMake files name the Python of the machine that built them
-  local python_include numpy_include
+make_ros_prefix() { # of .venv with ROS's wheels in it
+  # Their CMake files name the Python of the machine that built them.
+  local python_include numpy_include shell
   python_include=$(.venv/bin/python -c 'import sysconfig; print(sysconfig.get_path("include"))')
   numpy_include=$(.venv/bin/python -c 'import numpy; print(numpy.get_include())')
   find .venv/share -name '*.cmake' -exec sed -Ei \
     -e "s#/opt/python/[^/;\"]+/include/python3\.[0-9]+#$python_include#g" \
     -e "s#/opt/python/[^/;\"]+/lib/python3\.[0-9]+/site-packages/numpy/_core/include#$numpy_include#g" {} +
+  # What install/setup.bash, or that of a workspace built on top, sources first.
+  for shell in sh bash zsh; do
+    printf 'heightmap25d_root=%q\n. "$heightmap25d_root/scripts/underlay.sh"\n' \
+      "$PWD" > ".venv/local_setup.$shell"
+  done
 }
 
 build() {
@@ -129,7 +135,7 @@ flock 9
 
 find_ros
 .venv/bin/python -ISc '' 2> /dev/null || rm -rf .venv # never made, or its Python is gone
-packages_key=$({ echo "$ros $PWD"; cat requirements/*.txt; } | sha256sum)
+packages_key=$({ echo "$ros $PWD"; cat scripts/setup.sh requirements/*.txt; } | sha256sum)
 build_key=$(
   {
     echo "$packages_key"
