@@ -79,11 +79,13 @@ install_packages() { # makes .venv anew
   case $ros in
     machine)
       "$python" -m venv --system-site-packages .venv
-      # ROS is compiled against the machine's numpy: keep that one.
+      # ROS is compiled against the machine's numpy and generates code with its empy: keep those.
       pins=.venv/pins.txt
-      sed '/^numpy==/d' requirements/pins.txt > $pins
-      "$python" -c 'import numpy; print(f"numpy=={numpy.__version__}")' >> $pins
-      .venv/bin/pip install -qq --constraint $pins \
+      grep -vE '^(numpy|empy)==' requirements/pins.txt > $pins
+      "$python" -c 'from importlib.metadata import version
+for name in ("numpy", "empy"):
+    print(f"{name}=={version(name)}")' >> $pins
+      env --unset=PYTHONPATH .venv/bin/pip install -qq --constraint $pins \
         --requirement requirements/runtime.txt --requirement requirements/dev.txt
       ;;
     pypi)
