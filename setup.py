@@ -31,6 +31,7 @@ setup(
         shared("launch"),
         shared("rviz"),
     ],
+    extras_require={"test": ["pytest"]},  # has colcon test run pytest
     python_requires=">=3.10",
     zip_safe=True,
     entry_points={
