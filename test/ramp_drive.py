@@ -27,8 +27,8 @@ WORLD = World(
         box((-inf, 22.56), (-inf, inf), GROUND),
         box((22.56, 25.44), (-1.94, inf), GROUND),
         box((25.44, inf), (-inf, inf), GROUND),
-        box((-inf, inf), (3.06, inf), 3.0),  # the building
-        box((-inf, inf), (-inf, -3.70), 1.0),  # the wall of the yard
+        box((-inf, 29.81), (3.06, inf), 3.0),  # the building
+        box((-inf, 29.81), (-inf, -3.70), 1.0),  # the wall of the yard
         box((29.56, 29.81), (-4.0, 3.06), -0.5),  # the low wall at the end
         box((-inf, 4.0), (-1.56, 3.06), 0.0),  # the landing where the drive starts
         ramp((4.0, 16.0), (-1.56, 1.44), (0.0, GROUND)),
@@ -155,11 +155,12 @@ def take_scans(laser: Laser, duration: float = DURATION) -> Iterator[TakenScan]:
         measured = true_ranges + rng.normal(0.0, RANGE_NOISE, len(ANGLES))
         measured = np.rint(measured / RANGE_STEP) * RANGE_STEP
         measured[~((measured >= RANGE_MIN) & (measured <= RANGE_MAX))] = inf
+        reach = np.where(np.isfinite(true_ranges), true_ranges, np.nan)
         yield TakenScan(
             float(start),
             true_ranges,
             measured,
-            T_map_sensor[:, :3, 3] + true_ranges[:, None] * directions,
+            T_map_sensor[:, :3, 3] + reach[:, None] * directions,
         )
 
 
