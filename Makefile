@@ -14,7 +14,7 @@ test: build ## the tests
 	@source env.sh && python -m pytest test
 
 bench: build ## the measurements, also as out/bench.json
-	@source env.sh && pip install -qq --constraint requirements/pins.txt \
+	@source env.sh && pip install -qq --constraint .venv/pins.txt \
 	  --requirement requirements/bench.txt && python benchmarks/run.py
 
 lint: build ## style and types

@@ -74,23 +74,22 @@ require_machine() { # names everything that is missing in one line, and stops
 
 install_packages() { # makes .venv anew
   echo "heightmap25d: installing Python packages into .venv, which takes a minute or so"
-  rm -rf .venv
-  local pins=requirements/pins.txt
+  rm -rf .venv build install log
   case $ros in
     machine)
       "$python" -m venv --system-site-packages .venv
       # ROS is compiled against the machine's numpy and generates code with its empy: keep those.
-      pins=.venv/pins.txt
-      grep -vE '^(numpy|empy)==' requirements/pins.txt > $pins
+      grep -vE '^(numpy|empy)==' requirements/pins.txt > .venv/pins.txt
       "$python" -c 'from importlib.metadata import version
 for name in ("numpy", "empy"):
-    print(f"{name}=={version(name)}")' >> $pins
-      env --unset=PYTHONPATH .venv/bin/pip install -qq --constraint $pins \
+    print(f"{name}=={version(name)}")' >> .venv/pins.txt
+      env --unset=PYTHONPATH .venv/bin/pip install -qq --constraint .venv/pins.txt \
         --requirement requirements/runtime.txt --requirement requirements/dev.txt
       ;;
     pypi)
       "$python" -m venv .venv
-      .venv/bin/pip install -qq --constraint $pins --requirement requirements/runtime.txt \
+      cp requirements/pins.txt .venv/pins.txt
+      .venv/bin/pip install -qq --constraint .venv/pins.txt --requirement requirements/runtime.txt \
         --requirement requirements/dev.txt --requirement requirements/ros.txt
       make_ros_prefix
       ;;
@@ -128,6 +127,7 @@ build() {
 once() { # once STAMP KEY COMMAND: runs the command unless the stamp says that it was done
   [ "$(cat "$1" 2> /dev/null)" = "$2" ] && return
   require_machine
+  rm -f "$1"
   "$3"
   echo "$2" > "$1"
 }
@@ -141,9 +141,9 @@ packages_key=$({ echo "$ros $PWD"; cat scripts/setup.sh requirements/*.txt; } | 
 build_key=$(
   {
     echo "$packages_key"
-    find config launch rviz heightmap25d_msgs -type f
-    find heightmap25d_msgs scripts -type f -exec cat {} +
-    cat package.xml setup.py setup.cfg colcon_defaults.yaml
+    ls config launch rviz
+    cat heightmap25d_msgs/{package.xml,CMakeLists.txt,msg/*,srv/*}
+    cat package.xml setup.py setup.cfg colcon_defaults.yaml scripts/{heightmap25d,write_tf2_msgs.py}
   } | sha256sum
 )
 once .venv/packages.key "$packages_key" install_packages
