@@ -140,7 +140,7 @@ class ScanIntake:
         if stamp < self._odom_stamp_ns:
             self._start_over(stamp)
         for topic in self._params.scan_topics:
-            self._newest_ns.setdefault(topic, stamp)
+            self._newest_ns.setdefault(topic, stamp - 1)
         self._odom_frame, self._odom_stamp_ns = frame, stamp
         child = odometry.child_frame_id
         self._odometry.add([Transform(parent=frame, child=child, stamp_ns=stamp, T=odometry.T)])
@@ -179,7 +179,7 @@ class ScanIntake:
         self.dropped["poses: clock jumped back"] += 1
         self._forget_waiting(self._params.scan_topics, after_ns=stamp_ns)
         self._transforms.forget_after(stamp_ns + JUMP_BACK_NS)
-        self._newest_ns = {topic: min(ns, stamp_ns) for topic, ns in self._newest_ns.items()}
+        self._newest_ns = {topic: min(ns, stamp_ns - 1) for topic, ns in self._newest_ns.items()}
         self._released_ns.clear()
 
     def _forget_waiting(self, topics: Collection[str], *, after_ns: int) -> None:
