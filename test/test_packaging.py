@@ -23,8 +23,9 @@ EXECUTABLES = {"heightmap25d", "mapping", "replay"}
 ORDER = [
     "errors", "se3", "params",
     "grid", "sensor",
-    "mapper", "traversability", "localization",
-    "transforms", "messages", "intake", "bag", "map_io", "evaluation", "render",
+    "mapper", "terrain", "traversability",
+    "messages", "transforms", "intake", "mapping",
+    "bag", "atomic_directory", "map_io", "evaluation", "block_view", "render",
     "cli", "nodes",
 ]  # fmt: skip
 
