@@ -86,13 +86,12 @@ class Mapper:
     def integrate(self, beams: Beams) -> Integrated:
         """Merge the beams, one after the other."""
         geometry = self.grid.geometry
-        scale = np.array([1 / geometry.resolution] * 2 + [1 / HEIGHT_RESOLUTION])
-        corner = np.array([*geometry.origin, 0.0])
         hits, clipped, outside = _integrate(
-            (beams.origins - corner) * scale,
-            (beams.ends - corner) * scale,
-            np.linalg.norm(beams.ends - beams.origins, axis=1),
+            beams.origins,
+            beams.ends,
             beams.is_hit,
+            geometry.origin,
+            geometry.resolution,
             self.grid.height.cells,
             self.grid.probability.cells,
             self.grid.candidate_height.cells,
@@ -209,16 +208,22 @@ def _miss(cell, beam_height, distance, model, rule):
 
 @njit(cache=True)
 def _integrate(
-    origins, ends, lengths, is_hit, heights, probabilities, candidate_heights, candidates,
-    tile_top, tile_changed, hit_model, miss_model, rule,
+    origins, ends, is_hit, corner, resolution,
+    heights, probabilities, candidate_heights, candidates, tile_top, tile_changed,
+    hit_model, miss_model, rule,
 ):  # fmt: skip
-    """Merge beams, shapes (N, 3), (N, 3), (N,), (N,); returns the counts of `Integrated`."""
+    """Merge beams, shapes (N, 3), (N, 3), (N,); returns the counts of `Integrated`."""
     hits = clipped = outside = 0
     for beam in range(len(ends)):
-        origin = origins[beam, 0], origins[beam, 1], origins[beam, 2]
-        end = ends[beam, 0], ends[beam, 1], ends[beam, 2]
+        origin = _in_cells(origins, beam, corner, resolution)
+        end = _in_cells(ends, beam, corner, resolution)
+        length = np.sqrt(
+            (ends[beam, 0] - origins[beam, 0]) ** 2
+            + (ends[beam, 1] - origins[beam, 1]) ** 2
+            + (ends[beam, 2] - origins[beam, 2]) ** 2
+        )
         _clear(
-            origin, end, lengths[beam], heights, probabilities, candidate_heights, candidates,
+            origin, end, length, heights, probabilities, candidate_heights, candidates,
             tile_top, tile_changed, miss_model, rule,
         )  # fmt: skip
         if not is_hit[beam]:
@@ -235,7 +240,7 @@ def _integrate(
             np.int64(heights[ty, tx, y, x]), np.int64(probabilities[ty, tx, y, x]),
             np.int64(candidate_heights[ty, tx, y, x]), np.int64(candidates[ty, tx, y, x]),
         )  # fmt: skip
-        after = _hit(before, z, lengths[beam], hit_model, rule)
+        after = _hit(before, z, length, hit_model, rule)
         heights[ty, tx, y, x], probabilities[ty, tx, y, x] = after[0], after[1]
         candidate_heights[ty, tx, y, x], candidates[ty, tx, y, x] = after[2], after[3]
         if after[0] != before[0] or before[1] < rule.known:
@@ -243,6 +248,14 @@ def _integrate(
         tile_top[ty, tx] = max(tile_top[ty, tx], max(after[0], z) + TOP_BIAS)
         hits += 1
     return hits, clipped, outside
+
+
+@njit(cache=True)
+def _in_cells(points, index, corner, resolution):
+    """A point [m] as x, y [cells] from the corner and z [cm]."""
+    x = (points[index, 0] - corner[0]) / resolution
+    y = (points[index, 1] - corner[1]) / resolution
+    return x, y, points[index, 2] / HEIGHT_RESOLUTION
 
 
 @njit(cache=True)
@@ -254,9 +267,10 @@ def _clear(
     dz = end[2] - origin[2]
     ray_x, ray_y = _axis(origin[0], end[0]), _axis(origin[1], end[1])
     tx, ty = int(np.floor(origin[0])) // TILE, int(np.floor(origin[1])) // TILE
+    exit_x, exit_y = _exit(tx, TILE, ray_x), _exit(ty, TILE, ray_y)
+    across_x, across_y = abs(ray_x[2]) * TILE, abs(ray_y[2]) * TILE
     entered = 0.0
     while entered < 1.0:
-        exit_x, exit_y = _exit(tx, TILE, ray_x), _exit(ty, TILE, ray_y)
         left = min(exit_x, exit_y, 1.0)
         if 0 <= ty < tile_top.shape[0] and 0 <= tx < tile_top.shape[1]:
             lowest = origin[2] + dz * (left if dz < 0.0 else entered) + rule.clearing_margin
@@ -271,8 +285,10 @@ def _clear(
         entered = left
         if exit_x < exit_y:
             tx += ray_x[3]
+            exit_x += across_x
         else:
             ty += ray_y[3]
+            exit_y += across_y
 
 
 @njit(cache=True)
@@ -286,9 +302,9 @@ def _clear_tile(
     last_x, last_y = int(np.floor(end[0])), int(np.floor(end[1]))
     x = min(max(int(np.floor(origin[0] + entered * ray_x[1])) - tx * TILE, 0), TILE - 1)
     y = min(max(int(np.floor(origin[1] + entered * ray_y[1])) - ty * TILE, 0), TILE - 1)
+    exit_x, exit_y = _exit(tx * TILE + x, 1, ray_x), _exit(ty * TILE + y, 1, ray_y)
     while entered < left and 0 <= x < TILE and 0 <= y < TILE:
         ix, iy = tx * TILE + x, ty * TILE + y
-        exit_x, exit_y = _exit(ix, 1, ray_x), _exit(iy, 1, ray_y)
         exited = min(exit_x, exit_y, left)
         middle = 0.5 * (entered + exited)
         beam_height = origin[2] + middle * (end[2] - origin[2]) + rule.clearing_margin
@@ -304,8 +320,10 @@ def _clear_tile(
         entered = exited
         if exit_x < exit_y:
             x += ray_x[3]
+            exit_x += abs(ray_x[2])
         else:
             y += ray_y[3]
+            exit_y += abs(ray_y[2])
     return is_lost
 
 

@@ -56,8 +56,9 @@ class _Section:
     __slots__ = ()
 
     def __post_init__(self) -> None:
+        section = type(self).__name__.removesuffix("Params").lower()
         for name, spec, value in specs(self):
-            _check(name, spec, value)
+            _check(f"{section}.{name}", spec, value)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,13 +108,13 @@ class SensorParams(_Section):
         _Section.__post_init__(self)
         for name in _LIKELIHOODS:
             if len(getattr(self, name)) != 2:
-                raise InputError(f"parameter {name}: needs two numbers, at 0 m and at max_range")
+                raise InputError(f"parameter sensor.{name}: needs two numbers, at 0 m and at max_range")
         if self.min_height >= self.max_height:
-            raise InputError("parameter min_height: must be below max_height")
+            raise InputError("parameter sensor.min_height: must be below max_height")
         if any(o <= e for o, e in zip(self.hit_given_object, self.hit_given_empty, strict=True)):
-            raise InputError("parameter hit_given_object: must exceed hit_given_empty")
+            raise InputError("parameter sensor.hit_given_object: must exceed hit_given_empty")
         if any(o >= e for o, e in zip(self.miss_given_object, self.miss_given_empty, strict=True)):
-            raise InputError("parameter miss_given_object: must be below miss_given_empty")
+            raise InputError("parameter sensor.miss_given_object: must be below miss_given_empty")
 
 
 _LIKELIHOODS = ("hit_given_object", "hit_given_empty", "miss_given_object", "miss_given_empty")
@@ -283,16 +284,13 @@ def with_values(params: Params, values: Mapping[str, Any]) -> Params:
             raise InputError(f"parameter {name}: unknown{hint}")
         section, _, key = name.partition(".")
         changes.setdefault(section, {})[key] = _convert(name, given, known[name][1])
-    try:
-        return dataclasses.replace(
-            params,
-            **{
-                section: dataclasses.replace(getattr(params, section), **replaced)
-                for section, replaced in changes.items()
-            },
-        )
-    except InputError as error:
-        raise InputError(str(error)) from None
+    return dataclasses.replace(
+        params,
+        **{
+            section: dataclasses.replace(getattr(params, section), **replaced)
+            for section, replaced in changes.items()
+        },
+    )
 
 
 def read_yaml(path: Path, params: Params | None = None) -> Params:
@@ -343,7 +341,7 @@ def _yaml_value(value: Value) -> str:
 def as_yaml(params: Params) -> str:
     """The parameters as a ROS parameter file with units, ranges and meanings as comments."""
     lines = [
-        "# Generated from heightmap25d_ros/params.py by `heightmap25d info --parameters`.",
+        "# Generated from heightmap25d_ros/params.py by scripts/write_parameters.py.",
         "/**:",
         "  ros__parameters:",
     ]

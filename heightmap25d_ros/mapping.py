@@ -1,0 +1,135 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Messages in, maps out: what the mapping node and ``heightmap25d map`` both drive."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from heightmap25d_ros import messages, sensor
+from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.grid import TILE, Area, HeightGrid, HeightMap
+from heightmap25d_ros.intake import Reading, ScanIntake
+from heightmap25d_ros.mapper import Mapper
+from heightmap25d_ros.params import Params
+from heightmap25d_ros.traversability import ObstacleGrid, ObstacleMap
+
+_Content = TypeVar("_Content")
+
+
+class Mapping:
+    """A map in the making.
+
+    Each ``take_...`` takes a message in, by duck type, and returns the readings that it
+    completed and that were merged. A bad message is counted and changes nothing.
+
+    Parameters
+    ----------
+    params : Params
+
+    Attributes
+    ----------
+    grid : HeightGrid
+    merged : Counter of str
+        Scans, returns, clipped and lost returns.
+    stamp_ns : int [ns]
+        Of the newest scan merged; 0 before the first.
+    """
+
+    def __init__(self, params: Params) -> None:
+        self.merged: Counter[str] = Counter()
+        self.stamp_ns = 0
+        self._params = params
+        self._intake = ScanIntake(params.intake)
+        self._malformed: Counter[str] = Counter()
+        self.clear()
+
+    def clear(self, content: HeightMap | None = None) -> None:
+        """Start a new map, empty or with a loaded map in it.
+
+        Raises
+        ------
+        ValueError
+            If the content does not fit the grid; the running map stays.
+        """
+        grid = HeightGrid(self._params.grid)
+        if content is not None:
+            grid.write(content)
+        self.grid = grid
+        self._mapper = Mapper(grid, self._params.sensor, self._params.mapper)
+        self._obstacles = ObstacleGrid(self._params.traversability)
+
+    @property
+    def scan_topics(self) -> tuple[str, ...]:
+        """The topics that `take_scan` knows."""
+        return self._params.intake.scan_topics
+
+    @property
+    def dropped(self) -> Counter[str]:
+        """How many messages were not used, by reason."""
+        return self._malformed + self._intake.dropped
+
+    def take_scan(self, topic: str, message: Any) -> list[Reading]:
+        """Take a sensor_msgs/LaserScan of one of ``intake.scan_topics`` in."""
+        scan = self._content("scan", messages.scan, message)
+        return [] if scan is None else self._merge(self._intake.add_scan(topic, scan))
+
+    def take_odometry(self, message: Any) -> list[Reading]:
+        """Take a nav_msgs/Odometry in."""
+        odometry = self._content("odometry", messages.odometry, message)
+        return [] if odometry is None else self._merge(self._intake.add_odometry(odometry))
+
+    def take_transforms(self, message: Any, *, is_static: bool) -> list[Reading]:
+        """Take a tf2_msgs/TFMessage of /tf or of /tf_static in."""
+        transforms = self._content("transforms", messages.transforms, message)
+        if transforms is None:
+            return []
+        return self._merge(self._intake.add_transforms(transforms, is_static=is_static))
+
+    def take_correction(self, message: Any) -> None:
+        """Take a geometry_msgs/PoseWithCovarianceStamped in: the pose of odom in the map."""
+        if message.header.frame_id.lstrip("/") != self._params.mapping.map_frame:
+            self._malformed[f"correction: not in {self._params.mapping.map_frame!r}"] += 1
+            return
+        pose = self._content("correction", lambda m: messages.pose(m.pose.pose, "pose"), message)
+        if pose is not None:
+            self._intake.set_correction(pose)
+
+    def flush(self) -> list[Reading]:
+        """No more messages will come: merge what is ready, drop what still waits."""
+        return self._merge(self._intake.flush())
+
+    def maps(self) -> tuple[HeightMap, ObstacleMap]:
+        """Height map and converted map of all that was observed; of an unknown tile at first."""
+        threshold = self._params.mapper.probability_threshold
+        self._obstacles.update(self.grid, threshold)
+        area = self.grid.observed_area()
+        if not area.rows:
+            area = Area(area.iy, area.ix, TILE, TILE)
+        return self.grid.read(threshold, area), self._obstacles.read(self.grid.geometry, area)
+
+    def _content(
+        self, kind: str, read: Callable[[Any], _Content], message: Any
+    ) -> _Content | None:
+        try:
+            return read(message)
+        except InputError as error:
+            field = str(error).partition(":")[0]
+            self._malformed[f"{kind}: bad {field}"] += 1
+            return None
+
+    def _merge(self, readings: list[Reading]) -> list[Reading]:
+        for reading in readings:
+            result = self._mapper.integrate(
+                sensor.beams(
+                    reading.scan, reading.T_map_base, reading.T_base_sensor, self._params.sensor
+                )
+            )
+            self.merged["scans"] += 1
+            self.merged["returns"] += result.hits
+            self.merged["returns clipped to +-327 m"] += result.clipped
+            self.merged["returns beyond grid.extent"] += result.outside
+            self.stamp_ns = max(self.stamp_ns, reading.scan.stamp_ns)
+        return readings

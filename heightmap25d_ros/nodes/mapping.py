@@ -1,0 +1,187 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The mapping node: scans and odometry in, height grid and obstacle grids out."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from heightmap25d_msgs.msg import HeightGrid as HeightGridMessage
+from heightmap25d_msgs.srv import LoadMap, SaveMap
+from nav_msgs.msg import OccupancyGrid, Odometry
+from nav_msgs.srv import GetMap
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from sensor_msgs.msg import LaserScan, PointCloud2, PointField
+from std_srvs.srv import Trigger
+from tf2_msgs.msg import TFMessage
+
+from heightmap25d_ros import map_io, messages
+from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.grid import HeightMap
+from heightmap25d_ros.mapping import Mapping
+from heightmap25d_ros.nodes import process
+from heightmap25d_ros.traversability import ObstacleMap
+
+_REPORT_PERIOD = 5.0  # [s] between two lines about dropped messages
+_LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+_Maps = tuple[HeightMap, ObstacleMap]
+
+
+class MappingNode(Node):
+    """Thin: hands messages to `Mapping`, and publishes what it makes of them.
+
+    A map is published at most ``publish_rate`` times a second, and only to topics that
+    somebody subscribes to and that have not carried this state of the map yet.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("mapping", automatically_declare_parameters_from_overrides=True)
+        self._params = process.declare_params(self)
+        self._frame = self._params.mapping.map_frame
+        self._mapping = Mapping(self._params)
+        self._mapping.maps()  # compiles, or loads compiled, before the first scan comes
+        self._version = 0  # of the map: counts merges, loads and clears
+        self._published: dict[str, int] = {}
+        self._reported = 0
+        self._publishers_of_maps = {
+            "height_grid": self.create_publisher(HeightGridMessage, "height_grid", _LATCHED),
+            "map": self.create_publisher(OccupancyGrid, "map", _LATCHED),
+            "cost_map": self.create_publisher(OccupancyGrid, "cost_map", _LATCHED),
+            "height_points": self.create_publisher(PointCloud2, "height_points", _LATCHED),
+        }
+        self._subscribe()
+        self.create_service(SaveMap, "~/save_map", self._save_map)
+        self.create_service(LoadMap, "~/load_map", self._load_map)
+        self.create_service(Trigger, "~/clear_map", self._clear_map)
+        self.create_service(GetMap, "~/get_map", self._get_map)
+        # Maps are published by the wall clock, however fast a bag is replayed.
+        wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(1.0 / self._params.mapping.publish_rate, self._publish, clock=wall_clock)
+        self.create_timer(_REPORT_PERIOD, self._report_drops, clock=wall_clock)
+
+    def _subscribe(self) -> None:
+        for topic in self._params.intake.scan_topics:
+            self.create_subscription(
+                LaserScan, topic, self._on_scan_of(topic), qos_profile_sensor_data
+            )
+        self.create_subscription(Odometry, "odom", self._on_odometry, 100)
+        self.create_subscription(
+            PoseWithCovarianceStamped, "pose_correction", self._mapping.take_correction, 10
+        )
+        self.create_subscription(TFMessage, "/tf", self._on_transforms, 100)
+        static_qos = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self.create_subscription(TFMessage, "/tf_static", self._on_static_transforms, static_qos)
+
+    def _on_scan_of(self, topic: str) -> Callable[[LaserScan], None]:
+        return lambda message: self._count(self._mapping.take_scan(topic, message))
+
+    def _on_odometry(self, message: Odometry) -> None:
+        self._count(self._mapping.take_odometry(message))
+
+    def _on_transforms(self, message: TFMessage) -> None:
+        self._count(self._mapping.take_transforms(message, is_static=False))
+
+    def _on_static_transforms(self, message: TFMessage) -> None:
+        self._count(self._mapping.take_transforms(message, is_static=True))
+
+    def _count(self, merged: list[Any]) -> None:
+        self._version += len(merged)
+
+    def _publish(self) -> None:
+        due = [
+            topic
+            for topic, publisher in self._publishers_of_maps.items()
+            if self._version
+            and self._published.get(topic) != self._version
+            and publisher.get_subscription_count()
+        ]
+        if not due:
+            return
+        maps = self._mapping.maps()
+        for topic in due:
+            self._publish_to(topic, self._publishers_of_maps[topic], maps)
+            self._published[topic] = self._version
+
+    def _publish_to(self, topic: str, publisher: Publisher, maps: _Maps) -> None:
+        height_map, obstacle_map = maps
+        stamp, geometry = self._mapping.stamp_ns, height_map.geometry
+        message: Any
+        if topic == "height_grid":
+            message = HeightGridMessage()
+            messages.fill_height_grid(message, height_map, stamp, self._frame)
+        elif topic == "height_points":
+            message = PointCloud2()
+            messages.fill_height_points(message, PointField, height_map, stamp, self._frame)
+        else:
+            cells = obstacle_map.occupancy if topic == "map" else obstacle_map.cost
+            message = OccupancyGrid()
+            messages.fill_occupancy_grid(message, cells, geometry, stamp, self._frame)
+        publisher.publish(message)
+
+    def _save_map(self, request: SaveMap.Request, response: SaveMap.Response) -> SaveMap.Response:
+        try:
+            path = map_io.map_path(Path(self._params.mapping.map_directory), request.name)
+            map_io.save(path, *self._mapping.maps(), self._frame)
+        except InputError as error:
+            response.message = str(error)
+            self.get_logger().error(f"map not saved: {error}")
+            return response
+        response.success, response.path = True, str(path)
+        self.get_logger().info(f"map saved: {path}")
+        return response
+
+    def _load_map(self, request: LoadMap.Request, response: LoadMap.Response) -> LoadMap.Response:
+        try:
+            path = map_io.map_path(Path(self._params.mapping.map_directory), request.name)
+            loaded = map_io.load(path, self._params.mapper.probability_threshold)
+            if loaded.frame_id != self._frame:
+                raise InputError(f"{path}: frame_id is {loaded.frame_id!r}, not {self._frame!r}")
+            self._mapping.clear(loaded.height_map)
+        except (InputError, ValueError) as error:
+            response.message = str(error)
+            self.get_logger().error(f"map not loaded: {error}")
+            return response
+        self._version += 1
+        response.success = True
+        self.get_logger().info(f"map loaded: {path}")
+        return response
+
+    def _clear_map(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._mapping.clear()
+        self._version += 1
+        response.success = True
+        return response
+
+    def _get_map(self, _: GetMap.Request, response: GetMap.Response) -> GetMap.Response:
+        height_map, obstacle_map = self._mapping.maps()
+        messages.fill_occupancy_grid(
+            response.map,
+            obstacle_map.occupancy,
+            height_map.geometry,
+            self._mapping.stamp_ns,
+            self._frame,
+        )
+        return response
+
+    def _report_drops(self) -> None:
+        dropped = self._mapping.dropped
+        if dropped.total() > self._reported:
+            self._reported = dropped.total()
+            reasons = ", ".join(f"{reason} ({count})" for reason, count in dropped.most_common())
+            self.get_logger().warning(f"dropped so far: {reasons}")
+
+
+def main() -> int:
+    """Run the node."""
+    return process.run(MappingNode)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,25 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Write config/heightmap25d.yaml and the README's table of parameters from params.py."""
+
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+sys.path.insert(0, str(ROOT))
+
+from heightmap25d_ros.params import Params, as_markdown, as_yaml  # noqa: E402
+
+BEGIN, END = "<!-- parameters: begin -->\n", "<!-- parameters: end -->\n"
+
+
+def main() -> None:
+    (ROOT / "config" / "heightmap25d.yaml").write_text(as_yaml(Params()))
+    readme = ROOT / "README.md"
+    before, _, rest = readme.read_text().partition(BEGIN)
+    _, _, after = rest.partition(END)
+    readme.write_text(before + BEGIN + as_markdown(Params()) + END + after)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,100 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+from pathlib import Path
+
+import pytest
+import yaml
+
+from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.params import (
+    Params,
+    SensorParams,
+    as_markdown,
+    as_yaml,
+    flatten,
+    read_yaml,
+    with_values,
+)
+
+ROOT = Path(__file__).parent.parent
+
+
+def test_config_file_and_readme_are_current():
+    assert (ROOT / "config" / "heightmap25d.yaml").read_text() == as_yaml(Params())
+    assert as_markdown(Params()) in (ROOT / "README.md").read_text()
+
+
+def test_the_config_file_gives_the_defaults():
+    assert read_yaml(ROOT / "config" / "heightmap25d.yaml") == Params()
+
+
+def test_every_parameter_has_a_meaning_and_every_number_a_range():
+    for name, (spec, value) in flatten(Params()).items():
+        assert spec.meaning, name
+        if isinstance(value, float):
+            assert spec.low < spec.high < float("inf"), name
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "complaint"),
+    [
+        ("grid.resolutoin", 0.1, "did you mean grid.resolution?"),
+        ("max_step", 0.1, "did you mean traversability.max_step?"),
+        ("grid.resolution", 0.0, "parameter grid.resolution: 0 is not within 0.01 .. 10"),
+        ("grid.resolution", float("nan"), "parameter grid.resolution: nan is not within"),
+        ("grid.resolution", "fine", "'fine' is not a float"),
+        ("grid.resolution", True, "True is not a float"),
+        ("mapper.update_rule", "papper", "'papper' is not one of candidate, paper"),
+        ("intake.scan_topics", "scan", "'scan' is not a list"),
+        ("intake.scan_topics", [3], "3 is not a str"),
+        ("intake.mounts", [0.0, 1.0], "2 numbers for 1 lasers"),
+        ("sensor.hit_given_object", [0.8], "needs two numbers"),
+        ("sensor.hit_given_empty", [0.9, 0.4], "must exceed hit_given_empty"),
+        ("sensor.min_height", 3.0, "must be below max_height"),
+    ],
+)
+def test_a_bad_parameter_is_refused_with_its_name(name, value, complaint):
+    with pytest.raises(InputError) as error:
+        with_values(Params(), {name: value})
+    assert complaint in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_values_are_taken_all_or_none_and_integers_pass_for_floats():
+    changed = with_values(Params(), {"grid.resolution": 1, "intake.mounts": [0, 0, 1, 0, 0, 0]})
+    assert changed.grid.resolution == 1.0
+    assert changed.intake.mounts == (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+    assert changed.sensor == SensorParams()
+
+
+def test_yaml_of_one_node_or_of_all_with_dots_or_nested(tmp_path):
+    path = tmp_path / "p.yaml"
+    path.write_text(
+        "mapping:\n  ros__parameters:\n    grid.resolution: 0.25\n    sensor: {max_range: 20.0}\n"
+    )
+    params = read_yaml(path)
+    assert (params.grid.resolution, params.sensor.max_range) == (0.25, 20.0)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["a: [", "just words", "/**: 3", "/**: {ros__parameters: 3}", "/**:\n  ros__parameters:\n"
+     "    gird: {resolution: 1.0}", "\x00", ""],
+)  # fmt: skip
+def test_a_bad_file_is_refused_in_one_line_with_its_name(tmp_path, text):
+    path = tmp_path / "p.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"p\.yaml") as error:
+        read_yaml(path)
+    assert "\n" not in str(error.value)
+
+
+def test_a_missing_file_is_refused(tmp_path):
+    with pytest.raises(InputError, match="nowhere"):
+        read_yaml(tmp_path / "nowhere.yaml")
+
+
+def test_the_generated_yaml_holds_every_parameter():
+    document = yaml.safe_load(as_yaml(Params()))["/**"]["ros__parameters"]
+    names = {f"{section}.{name}" for section, body in document.items() for name in body}
+    assert names == set(flatten(Params()))
