@@ -1,0 +1,241 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of maps, as Fig. 2(c) and 2(d) of the paper. Needs matplotlib, no display."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import LinearSegmentedColormap, ListedColormap, Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import Bbox
+from mpl_toolkits.axes_grid1 import make_axes_locatable
+from mpl_toolkits.mplot3d import proj3d
+from numpy.typing import NDArray
+
+from heightmap25d_ros import block_view
+from heightmap25d_ros.grid import HEIGHT_RESOLUTION, Area, Geometry, HeightMap
+
+if TYPE_CHECKING:
+    from heightmap25d_ros.traversability import ObstacleMap
+
+Trajectory = NDArray[np.float64]
+"""(N, 3) [m], map: where the robot drove."""
+
+MAX_BLOCKS = 200_000
+"""The 3-D view merges cells, keeping the highest, until there are no more than this."""
+
+_DPI = 150
+_UNKNOWN, _FREE, _OCCUPIED = "black", "white", "#e4572e"
+_TRAJECTORY: dict[str, Any] = {"color": "#d62246", "linewidth": 1.6, "solid_capstyle": "round"}
+_ELEVATION, _AZIMUTH = 38.0, -62.0
+
+
+def height_map(path: Path, shown: HeightMap, trajectory: Trajectory | None = None) -> None:
+    """Draw the heights from above; what is unknown is black.
+
+    Parameters
+    ----------
+    path : Path
+        The picture; its name's end says the format.
+    shown : HeightMap
+    trajectory : (N, 3) float64 [m], map
+        Drawn over it.
+    """
+    shown = _observed_part(shown)
+    metres = np.where(shown.known, shown.height * HEIGHT_RESOLUTION, np.nan)
+    figure, axes = _plan(shown.geometry)
+    axes.set_facecolor(_UNKNOWN)
+    image = axes.imshow(
+        metres, cmap=_terrain(), norm=_norm(metres), origin="lower", extent=_extent(shown.geometry),
+        interpolation="nearest",
+    )  # fmt: skip
+    side = make_axes_locatable(axes).append_axes("right", size=0.14, pad=0.1)
+    figure.colorbar(image, cax=side, label="height [m]")
+    _draw_trajectory(axes, trajectory)
+    _save(figure, path)
+
+
+def obstacle_map(path: Path, shown: ObstacleMap, trajectory: Trajectory | None = None) -> None:
+    """Draw the obstacle grid as Fig. 2(d): free white, unknown black, obstacles coloured.
+
+    Parameters
+    ----------
+    path, trajectory :
+        As of `height_map`.
+    shown : ObstacleMap
+    """
+    area = _bounding_area(shown.occupancy >= 0)
+    geometry = shown.geometry.part(area)
+    occupancy = shown.occupancy[area.slices(_whole(shown.geometry))]
+    figure, axes = _plan(geometry)
+    axes.imshow(
+        np.searchsorted([-1, 0, 100], occupancy), cmap=ListedColormap([_UNKNOWN, _FREE, _OCCUPIED]),
+        vmin=0, vmax=2, origin="lower", extent=_extent(geometry), interpolation="nearest",
+    )  # fmt: skip
+    patches = [
+        Patch(facecolor=colour, edgecolor="black", linewidth=0.6, label=label)
+        for colour, label in ((_FREE, "free"), (_OCCUPIED, "obstacle"), (_UNKNOWN, "unknown"))
+    ]
+    axes.legend(
+        handles=patches, loc="lower right", bbox_to_anchor=(1.0, 1.01), ncol=3, frameon=False,
+        borderaxespad=0.0,
+    )  # fmt: skip
+    _draw_trajectory(axes, trajectory)
+    _save(figure, path)
+
+
+def blocks(path: Path, shown: HeightMap, trajectory: Trajectory | None = None) -> None:
+    """Draw a 3-D view as Fig. 2(c): each known cell from its height to its lowest neighbour.
+
+    Parameters
+    ----------
+    path, shown, trajectory :
+        As of `height_map`. A map of more than `MAX_BLOCKS` cells is shown with larger cells.
+    """
+    shown = block_view.coarser(_observed_part(shown), MAX_BLOCKS)
+    metres = np.where(shown.known, shown.height * HEIGHT_RESOLUTION, np.nan)
+    norm = _norm(metres)
+    faces = block_view.faces(shown.geometry, metres, np.radians(_AZIMUTH))
+    colours = _terrain()(norm(faces.height))[:, :3] * faces.shade[:, None]
+    limits = _extent(shown.geometry)[:2], _extent(shown.geometry)[2:], (norm.vmin, norm.vmax)
+    figure = Figure(figsize=(12.0, 9.0))
+    axes = _space(figure, np.array(limits))
+    axes.add_collection(_Faces(faces.corners, colours), autolim=False)
+    if trajectory is not None:
+        axes.plot(*trajectory[:, :3].T, **_TRAJECTORY, clip_on=False)
+    FigureCanvasAgg(figure)
+    figure.draw_without_rendering()
+    drawn = _drawn_box(axes)
+    x, y, height = drawn.x1 + 0.3, drawn.y0 + 0.25 * drawn.height, 0.5 * drawn.height
+    width_height = figure.get_size_inches()
+    side = figure.add_axes((x / width_height[0], y / width_height[1],
+                            0.15 / width_height[0], height / width_height[1]))  # fmt: skip
+    figure.colorbar(ScalarMappable(norm, _terrain()), cax=side, label="height [m]")
+    picture = Bbox.union([drawn, Bbox.from_bounds(x, y, 0.9, height)]).padded(0.25)
+    _save(figure, path, picture)
+
+
+def _drawn_box(axes: Any) -> Bbox:
+    """What a 3-D view covers of its figure [inch]; mplot3d's own box is the whole figure."""
+    corners = np.stack(np.meshgrid(*(axes.get_xlim(), axes.get_ylim(), axes.get_zlim())), axis=-1)
+    x, y, _ = proj3d.proj_transform(*corners.reshape(-1, 3).T, axes.get_proj())
+    points = axes.transData.transform(np.stack([x, y], axis=-1))
+    labels = [axis.get_tightbbox() for axis in (axes.xaxis, axes.yaxis, axes.zaxis)]
+    box = Bbox.union([Bbox.from_extents(*points.min(axis=0), *points.max(axis=0)), *labels])
+    return box.transformed(axes.figure.dpi_scale_trans.inverted())
+
+
+def _space(figure: Figure, limits: NDArray[np.float64]) -> Any:
+    """Axes of a 3-D view at one scale; limits (3, 2) [m]."""
+    axes: Any = figure.add_axes((0.0, 0.0, 1.0, 1.0), projection="3d", computed_zorder=False)
+    axes.set_proj_type("ortho")
+    axes.view_init(elev=_ELEVATION, azim=_AZIMUTH)
+    axes.set(xlim=limits[0], ylim=limits[1], zlim=limits[2])
+    lengths = limits[:, 1] - limits[:, 0]
+    axes.set_box_aspect(lengths, zoom=1.3)
+    for axis, length in zip((axes.xaxis, axes.yaxis, axes.zaxis), lengths, strict=True):
+        axis.set_major_locator(MaxNLocator(nbins=max(1, round(12 * length / lengths.max()))))
+        axis.set_pane_color((0.96, 0.96, 0.96, 1.0))
+    axes.set_xlabel("x [m]", labelpad=26.0)
+    axes.set_ylabel("y [m]", labelpad=12.0)
+    axes.set_zlabel("z [m]", labelpad=2.0)
+    return axes
+
+
+class _Faces(PolyCollection):
+    """Polygons of a 3-D view that are drawn in the order given.
+
+    mplot3d sorts polygons by their mean depth, which is wrong for tall faces beside small ones.
+
+    Parameters
+    ----------
+    corners : (N, 4, 3) float64 [m], the ones farther from the viewer first
+    colours : (N, 3) float64
+    """
+
+    def __init__(self, corners: NDArray[np.float64], colours: NDArray[np.float64]) -> None:
+        super().__init__(
+            [], facecolors=colours, edgecolors=colours * 0.8, linewidths=0.15, clip_on=False
+        )
+        self._corners = corners
+
+    def do_3d_projection(self) -> float:
+        """Project the corners; called by mplot3d before drawing. Returns the nearest depth."""
+        axes: Any = self.axes
+        x, y, depth = proj3d.proj_transform(*self._corners.reshape(-1, 3).T, axes.get_proj())
+        self.set_verts(list(np.stack([x, y], axis=-1).reshape(-1, 4, 2)))
+        return float(np.min(depth, initial=0.0))
+
+
+def _observed_part(shown: HeightMap) -> HeightMap:
+    area = _bounding_area(shown.known)
+    part = area.slices(_whole(shown.geometry))
+    return HeightMap(
+        geometry=shown.geometry.part(area),
+        height=shown.height[part],
+        probability=shown.probability[part],
+        probability_threshold=shown.probability_threshold,
+    )
+
+
+def _bounding_area(known: NDArray[np.bool_]) -> Area:
+    """What is known with a margin of two cells; everything where nothing is."""
+    whole = Area(0, 0, *known.shape)
+    rows, columns = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+    if not len(rows):
+        return whole
+    height, width = int(rows[-1] - rows[0]) + 1, int(columns[-1] - columns[0]) + 1
+    return Area(int(rows[0]), int(columns[0]), height, width).grown(2).within(whole)
+
+
+def _whole(geometry: Geometry) -> Area:
+    return Area(0, 0, *geometry.shape)
+
+
+def _plan(geometry: Geometry) -> tuple[Figure, Axes]:
+    """A figure whose axes show the map from above, in metres, at one scale."""
+    height, width = (cells * geometry.resolution for cells in geometry.shape)
+    scale = min(11.0 / width, 9.0 / height)
+    figure = Figure(figsize=(scale * width + 1.5, scale * height + 1.0))
+    axes = figure.add_subplot()
+    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
+    return figure, axes
+
+
+def _extent(geometry: Geometry) -> tuple[float, float, float, float]:
+    """West, east, south, north [m]."""
+    x, y = geometry.cell_corner(geometry.shape)
+    return geometry.origin[0], float(x), geometry.origin[1], float(y)
+
+
+def _terrain() -> LinearSegmentedColormap:
+    """Colours of matplotlib's terrain without its sea."""
+    return LinearSegmentedColormap.from_list(
+        "terrain", matplotlib.colormaps["terrain"](np.linspace(0.15, 0.97, 256))
+    )
+
+
+def _norm(metres: NDArray[np.float64]) -> Normalize:
+    known = metres[np.isfinite(metres)]
+    low, high = float(known.min(initial=0.0)), float(known.max(initial=0.0))
+    return Normalize(low, max(high, low + 0.1))
+
+
+def _draw_trajectory(axes: Axes, trajectory: Trajectory | None) -> None:
+    if trajectory is not None:
+        axes.plot(trajectory[:, 0], trajectory[:, 1], **_TRAJECTORY)
+
+
+def _save(figure: Figure, path: Path, part: Bbox | str = "tight") -> None:
+    FigureCanvasAgg(figure)
+    figure.savefig(path, dpi=_DPI, bbox_inches=part, metadata={"Software": None})
