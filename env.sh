@@ -9,7 +9,8 @@ else
 fi
 heightmap25d_root=$(cd "$(dirname "$heightmap25d_root")" && pwd)
 
-if [ -e "$heightmap25d_root/install/local_setup.$heightmap25d_shell" ]; then
+if [ -e "$heightmap25d_root/.venv/packages.key" ] &&
+  [ -e "$heightmap25d_root/install/local_setup.$heightmap25d_shell" ]; then
   # The setup scripts of ROS and colcon read variables that are not set.
   case $- in
     *u*) heightmap25d_nounset=-u ;;
