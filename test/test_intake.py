@@ -378,14 +378,28 @@ def test_a_scan_of_the_next_loop_that_comes_before_its_odometry_is_not_mixed_up(
     assert stamps(intake.add_scan("scan", scan(0.0))) == [0.0]
 
 
+def test_after_a_jump_back_the_lasers_still_wait_for_one_another():
+    intake = intake_of(topics=("a", "b"))
+    for seconds in (10.0, 10.1):
+        intake.add_odometry(pose(seconds))
+        for topic in ("a", "b"):
+            intake.add_scan(topic, scan(seconds))
+    intake.add_odometry(pose(5.0))
+    intake.add_odometry(pose(5.1))
+    assert intake.add_scan("b", scan(5.05)) == []
+    assert [r.topic for r in intake.add_scan("a", scan(5.02))] == ["a"]
+    assert [r.topic for r in intake.add_scan("a", scan(5.06))] == ["b"]
+
+
 def test_a_laser_whose_clock_was_ahead_comes_back():
     intake = intake_of(topics=("a", "b"))
     released = []
     for step in range(50):
         seconds = 0.1 * step
         released += intake.add_odometry(pose(seconds))
-        released += intake.add_scan("a", scan(seconds + (3600.0 if step < 25 else 0.0)))
-        released += intake.add_scan("b", scan(seconds))
+        released += intake.add_scan("a", scan(seconds + (3600.0 if step < 25 else 0.05)))
+        released += intake.add_scan("b", scan(seconds + 0.05))
+    released += intake.add_odometry(pose(5.0))
     topics = [reading.topic for reading in released]
     assert (topics.count("a"), topics.count("b")) == (25, 50)
     assert sum(intake.dropped.values()) == 25
