@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The map directory: ``map.yaml`` and ``map.pgm`` for map_server, ``height_grid.npz`` for us."""
+"""The map directory: ``map.yaml`` and ``map.pgm`` for map_server, ``height_grid.npz`` for us.
+
+And trajectories as TUM text.
+"""
 
 from __future__ import annotations
 
@@ -8,16 +11,16 @@ import hashlib
 import math
 import os
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from heightmap25d_ros import atomic_directory
+from heightmap25d_ros import atomic_directory, se3
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid import (
     HEIGHT_LIMIT,
@@ -26,9 +29,7 @@ from heightmap25d_ros.grid import (
     Geometry,
     HeightMap,
 )
-
-if TYPE_CHECKING:
-    from heightmap25d_ros.traversability import ObstacleMap
+from heightmap25d_ros.traversability import ObstacleMap
 
 FORMAT_VERSION = 1
 
@@ -140,6 +141,46 @@ def digest(directory: Path) -> str:
     return hashlib.sha256((directory / HEIGHT_GRID).read_bytes()).hexdigest()
 
 
+def write_tum(path: Path, trajectory: Sequence[tuple[int, se3.Matrix]]) -> None:
+    """Write stamps [ns] and poses (4, 4) as lines ``t x y z qx qy qz qw``.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    poses = np.array([pose for _, pose in trajectory]).reshape(-1, 4, 4)
+    positions, quaternions = poses[:, :3, 3], se3.to_quaternion(poses)
+    lines = (
+        f"{stamp_ns // 10**9}.{stamp_ns % 10**9:09d} "
+        + " ".join(f"{number:.9f}" for number in (*position, *quaternion))
+        for (stamp_ns, _), position, quaternion in zip(
+            trajectory, positions, quaternions, strict=True
+        )
+    )
+    try:
+        path.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def read_tum(path: Path) -> NDArray[np.float64]:
+    """(N, 8) float64 from TUM text: ``t`` [s], ``x y z`` [m], ``qx qy qz qw``.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or a line is not eight finite numbers.
+    """
+    with _refusing(str(path)):
+        lines = path.read_text(encoding="utf-8").splitlines()
+        rows = [line.split() for line in lines if line.strip() and not line.startswith("#")]
+        poses = np.array(rows, np.float64).reshape(-1, 8)
+    if any(len(row) != 8 for row in rows) or not np.isfinite(poses).all():
+        raise InputError(f"{path}: a line is not eight finite numbers, t x y z qx qy qz qw")
+    return poses
+
+
 def map_yaml(geometry: Geometry) -> str:
     """The text of ``map.yaml``."""
     x, y, resolution = (
@@ -191,7 +232,7 @@ def _refusing(what: str) -> Iterator[None]:
         raise InputError(f"{what}: {error.strerror or error}") from None
     except Exception as error:  # zipfile and numpy raise a dozen types on damaged bytes
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"{what} is damaged or not a map's: {reason}") from None
+        raise InputError(f"{what}: is damaged, or another kind of file: {reason}") from None
 
 
 def _read_field(archive: zipfile.ZipFile, path: Path, name: str) -> NDArray[Any]:

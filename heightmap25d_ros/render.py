@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -24,9 +24,7 @@ from numpy.typing import NDArray
 
 from heightmap25d_ros import block_view
 from heightmap25d_ros.grid import HEIGHT_RESOLUTION, Area, Geometry, HeightMap
-
-if TYPE_CHECKING:
-    from heightmap25d_ros.traversability import ObstacleMap
+from heightmap25d_ros.traversability import ObstacleMap
 
 Trajectory = NDArray[np.float64]
 """(N, 3) [m], map: where the robot drove."""

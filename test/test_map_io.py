@@ -306,7 +306,7 @@ def test_huge_map_is_refused_unread(tmp_path: Path) -> None:
 
 def test_truncated_array(tmp_path: Path) -> None:
     bomb(tmp_path / "height_grid.npz", (100, 100), b"\0" * 100)
-    with pytest.raises(InputError, match="height is damaged"):
+    with pytest.raises(InputError, match="height: is damaged"):
         map_io.load(tmp_path, 0.5)
 
 
@@ -314,7 +314,7 @@ def test_missing_or_foreign_file(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="No such file"):
         map_io.load(tmp_path / "nothing", 0.5)
     (tmp_path / "height_grid.npz").write_bytes(b"not a zip archive")
-    with pytest.raises(InputError, match="is damaged or not a map's"):
+    with pytest.raises(InputError, match="is damaged, or another kind"):
         map_io.load(tmp_path, 0.5)
     (tmp_path / "height_grid.npz").unlink()
     np.savez(tmp_path / "height_grid.npz", other=np.zeros(3))
@@ -429,3 +429,39 @@ def test_failure_at_any_step_keeps_the_old_map(
     assert map_io.load(directory, 0.5).frame_id == "odom"
     if name != "open":  # with which removing the old map begins as well
         assert [path.name for path in tmp_path.iterdir()] == ["room"]
+
+
+def test_trajectory_as_tum(tmp_path: Path) -> None:
+    quarter_turn = np.array([[0, -1, 0, 1.5], [1, 0, 0, -2], [0, 0, 1, 0.25], [0, 0, 0, 1]], float)
+    path = tmp_path / "trajectory.tum"
+    map_io.write_tum(path, [(1_000_000_000_000_000_001, np.eye(4)), (2_500_000_000, quarter_turn)])
+    zero, root = "0.000000000", "0.707106781"
+    assert path.read_text() == (
+        f"1000000000.000000001 {zero} {zero} {zero} {zero} {zero} {zero} 1.000000000\n"
+        f"2.500000000 1.500000000 -2.000000000 0.250000000 {zero} {zero} {root} {root}\n"
+    )
+    np.testing.assert_allclose(
+        map_io.read_tum(path),
+        [[1e9, 0, 0, 0, 0, 0, 0, 1], [2.5, 1.5, -2, 0.25, 0, 0, 0.5**0.5, 0.5**0.5]],
+        atol=1e-9,
+    )
+    map_io.write_tum(path, [])
+    assert map_io.read_tum(path).shape == (0, 8)
+    path.write_text("# t x y z qx qy qz qw\n\n1 2 3 4 0 0 0 1\n")
+    np.testing.assert_array_equal(map_io.read_tum(path), [[1, 2, 3, 4, 0, 0, 0, 1]])
+
+
+@pytest.mark.parametrize(
+    "content",
+    ["1 2 3\n", "1 2 3 4 0 0 0 nan\n", "a b c d e f g h\n", "1 2 3 4\n5 6 7 8\n", "\0\xff"],
+)
+def test_file_that_is_not_tum(tmp_path: Path, content: str) -> None:
+    path = tmp_path / "trajectory.tum"
+    path.write_text(content, encoding="latin-1")
+    with pytest.raises(InputError) as refusal:
+        map_io.read_tum(path)
+    assert "\n" not in str(refusal.value)
+    with pytest.raises(InputError, match="No such file"):
+        map_io.read_tum(tmp_path / "nothing.tum")
+    with pytest.raises(InputError, match="cannot be written"):
+        map_io.write_tum(tmp_path / "nothing" / "trajectory.tum", [])
