@@ -88,6 +88,15 @@ def test_step_two_cells_away_does_not_count() -> None:
     assert detection([[0], [0], [0], [0], [50]], [[0], [0], [1], [1], [1]])[2:4] == (0.0, 0.0)
 
 
+def test_step_one_cell_and_a_half_away_does_not_count() -> None:
+    # The only true one leads across, from the third row to the fourth.
+    top = [[0, 0], [0, 0], [0, NAN], [NAN, 1]]
+    beside = [[None, None], [0, 50], [None, None], [None, None]]
+    assert detection(beside, top) == (1, 0, 0.0, None, None)
+    above = [[None, None], [None, None], [0, 50], [None, None]]
+    assert detection(above, top) == (1, 0, 1.0, None, None)
+
+
 def test_precision_and_recall_differ() -> None:
     # Predicted at 1 | 2 and 5 | 6, true at 1 | 2 only.
     heights = [[0, 0, 50, 50, 50, 50, 0]]
