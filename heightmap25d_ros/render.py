@@ -34,7 +34,9 @@ MAX_BLOCKS = 200_000
 
 _DPI = 150
 _UNKNOWN, _FREE, _OCCUPIED = "black", "white", "#e4572e"
-_TRAJECTORY: dict[str, Any] = {"color": "#d62246", "linewidth": 1.6, "solid_capstyle": "round"}
+_TRAJECTORY: dict[str, Any] = {"color": "#c020d0", "linewidth": 1.6, "solid_capstyle": "round"}
+_LEAST_SPAN = 0.5
+"""Heights that the colours span at least [m], so that noise is not painted as terrain."""
 _ELEVATION, _AZIMUTH = 38.0, -62.0
 
 
@@ -146,7 +148,10 @@ def _space(figure: Figure, limits: NDArray[np.float64]) -> Any:
         axis.set_pane_color((0.96, 0.96, 0.96, 1.0))
     axes.set_xlabel("x [m]", labelpad=26.0)
     axes.set_ylabel("y [m]", labelpad=12.0)
-    axes.set_zlabel("z [m]", labelpad=2.0)
+    if lengths[2] < lengths.max() / 15.0:
+        axes.set_zticks([])  # too close to one another to be read; the colours tell the height
+    else:
+        axes.set_zlabel("z [m]", labelpad=2.0)
     return axes
 
 
@@ -217,7 +222,7 @@ def _extent(geometry: Geometry) -> tuple[float, float, float, float]:
 
 
 def _terrain() -> LinearSegmentedColormap:
-    """Colours of matplotlib's terrain without its sea."""
+    """Colours of matplotlib's terrain without its darkest blue and its white."""
     return LinearSegmentedColormap.from_list(
         "terrain", matplotlib.colormaps["terrain"](np.linspace(0.15, 0.97, 256))
     )
@@ -225,8 +230,9 @@ def _terrain() -> LinearSegmentedColormap:
 
 def _norm(metres: NDArray[np.float64]) -> Normalize:
     known = metres[np.isfinite(metres)]
-    low, high = float(known.min(initial=0.0)), float(known.max(initial=0.0))
-    return Normalize(low, max(high, low + 0.1))
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
+    missing = max(_LEAST_SPAN - (high - low), 0.0)
+    return Normalize(low - missing / 2, high + missing / 2)
 
 
 def _draw_trajectory(axes: Axes, trajectory: Trajectory | None) -> None:
