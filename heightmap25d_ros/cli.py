@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from heightmap25d_ros import evaluation, map_io, params, render, se3
+from heightmap25d_ros import evaluation, map_io, parameter_file, params, render, se3
 from heightmap25d_ros.bag import Bag
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid import HEIGHT_RESOLUTION, HeightMap
@@ -59,9 +59,9 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("-o", "--output", type=Path, required=True, metavar="DIR",
                          help="map directory to write")  # fmt: skip
     command.add_argument("--odom-topic", metavar="T",
-                         help="nav_msgs/Odometry with the 3-D pose (default: /odom, or the only one)")  # fmt: skip
+                         help="Odometry, a 3-D pose (default: /odom, or the only one)")  # fmt: skip
     command.add_argument("--scan-topic", metavar="T", action="append", default=[],
-                         help="a laser to use, repeatable (default: every LaserScan topic)")  # fmt: skip
+                         help="a laser, repeatable (default: every LaserScan topic)")  # fmt: skip
     rules = dict((name, spec) for name, spec, _ in params.specs(MapperParams()))
     command.add_argument("--update-rule", choices=rules["update_rule"].choices,
                          help="in place of mapper.update_rule")  # fmt: skip
@@ -98,7 +98,7 @@ def _command(commands: Any, name: str, function: Any, help_text: str) -> argpars
 
 
 def _params(options: argparse.Namespace) -> Params:
-    return params.read_yaml(options.params) if options.params else Params()
+    return parameter_file.read_yaml(options.params) if options.params else Params()
 
 
 def _map(options: argparse.Namespace) -> dict[str, Any]:

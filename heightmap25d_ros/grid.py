@@ -72,9 +72,7 @@ class Geometry:
     def part(self, area: Area) -> Geometry:
         """The geometry of a part of these cells."""
         x, y = self.cell_corner((area.iy, area.ix))
-        return Geometry(
-            resolution=self.resolution, origin=(float(x), float(y)), shape=area.shape
-        )
+        return Geometry(resolution=self.resolution, origin=(float(x), float(y)), shape=area.shape)
 
 
 @dataclass(frozen=True, slots=True)

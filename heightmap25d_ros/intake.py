@@ -156,6 +156,10 @@ class ScanIntake:
             self.dropped[str(error)] += 1
         return self._release()
 
+    def settle(self) -> list[Reading]:
+        """Returns what has its poses now, without waiting for the other lasers."""
+        return self._release(is_waiting_for_others=False)
+
     def flush(self) -> list[Reading]:
         """Nothing more will come: returns what is ready and counts the rest as dropped."""
         return self._release(is_end=True)
@@ -192,13 +196,16 @@ class ScanIntake:
                 kept.append(waiting)
         self._waiting = kept
 
-    def _release(self, *, is_end: bool = False) -> list[Reading]:
+    def _release(
+        self, *, is_waiting_for_others: bool = True, is_end: bool = False
+    ) -> list[Reading]:
         """Take out of the queue what is ready or never will be; nothing overtakes in time."""
         readings: list[Reading] = []
         kept: list[_Waiting] = []
         for waiting in self._waiting:
             is_late = is_end or self._is_late(waiting)
-            if not is_late and (kept or not self._others_have_come(waiting.scan.stamp_ns)):
+            is_next = not is_waiting_for_others or self._others_have_come(waiting.scan.stamp_ns)
+            if not is_late and (kept or not is_next):
                 kept.append(waiting)
                 continue
             outcome = self._reading(waiting)

@@ -6,6 +6,10 @@ A beam clears the cells that it passes over (`_clear`) and raises, confirms or l
 cell that it ends in (`_hit`), by eq. (1) to (4) of Fong et al. (2003). Inside the kernels x and
 y are counted in cells from the grid's corner, z in centimetres, and a beam is
 ``origin + t * (end - origin)`` with t from 0 to 1.
+
+The kernels take plain arrays, many of them: a tuple of arrays would be reference-counted at every
+call, which costs twenty times as much as the work. They stay in one file, since numba's cache
+does not see changes of what a kernel calls in another one.
 """
 
 from __future__ import annotations
@@ -15,7 +19,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from heightmap25d_ros.grid import (
     HEIGHT_LIMIT,
@@ -66,11 +69,9 @@ class Mapper:
         self.grid = grid
         self.params = params
         candidate = params.update_rule == "candidate"
-        self._hit = _Likelihoods(
-            *sensor.hit_given_object, *sensor.hit_given_empty, sensor.max_range
-        )
+        self._hit = _Likelihoods(sensor.hit_given_object, sensor.hit_given_empty, sensor.max_range)
         self._miss = _Likelihoods(
-            *sensor.miss_given_object, *sensor.miss_given_empty, sensor.max_range
+            sensor.miss_given_object, sensor.miss_given_empty, sensor.max_range
         )
         self._rule = _Rule(
             candidate=candidate,
@@ -106,12 +107,10 @@ class Mapper:
 
 
 class _Likelihoods(NamedTuple):
-    """P(.|O) and P(.|not O) of a reading, at range 0 (near) and at ``max_range`` (far)."""
+    """P(.|O) and P(.|not O) of a reading, each at range 0 and at ``max_range``."""
 
-    object_near: float
-    object_far: float
-    empty_near: float
-    empty_far: float
+    given_object: tuple[float, ...]
+    given_empty: tuple[float, ...]
     max_range: float
 
 
@@ -132,9 +131,11 @@ class _Rule(NamedTuple):
 def _likelihoods(distance, model):
     """P(.|O) and P(.|not O) of a reading at a distance [m]."""
     far = min(distance / model.max_range, 1.0)
-    given_object = model.object_near + far * (model.object_far - model.object_near)
-    given_empty = model.empty_near + far * (model.empty_far - model.empty_near)
-    return given_object, given_empty
+    near_object, far_object = model.given_object
+    near_empty, far_empty = model.given_empty
+    return near_object + far * (far_object - near_object), near_empty + far * (
+        far_empty - near_empty
+    )
 
 
 @njit(cache=True)
@@ -207,7 +208,7 @@ def _miss(cell, beam_height, distance, model, rule):
 
 
 @njit(cache=True)
-def _integrate(
+def _integrate(  # noqa: PLR0913
     origins, ends, is_hit, corner, resolution,
     heights, probabilities, candidate_heights, candidates, tile_top, tile_changed,
     hit_model, miss_model, rule,
@@ -259,7 +260,7 @@ def _in_cells(points, index, corner, resolution):
 
 
 @njit(cache=True)
-def _clear(
+def _clear(  # noqa: PLR0913
     origin, end, length, heights, probabilities, candidate_heights, candidates,
     tile_top, tile_changed, model, rule,
 ):  # fmt: skip
@@ -292,7 +293,7 @@ def _clear(
 
 
 @njit(cache=True)
-def _clear_tile(
+def _clear_tile(  # noqa: PLR0913
     ty, tx, entered, left, ray_x, ray_y, origin, end, length,
     heights, probabilities, candidate_heights, candidates, model, rule,
 ):  # fmt: skip

@@ -59,7 +59,7 @@ class Mapping:
             grid.write(content)
         self.grid = grid
         self._mapper = Mapper(grid, self._params.sensor, self._params.mapper)
-        self._obstacles = ObstacleGrid(self._params.traversability)
+        self._obstacles = ObstacleGrid(grid.geometry, self._params.traversability)
 
     @property
     def scan_topics(self) -> tuple[str, ...]:
@@ -97,6 +97,10 @@ class Mapping:
         if pose is not None:
             self._intake.set_correction(pose)
 
+    def settle(self) -> list[Reading]:
+        """Merge what has its poses now, without waiting for the other lasers."""
+        return self._merge(self._intake.settle())
+
     def flush(self) -> list[Reading]:
         """No more messages will come: merge what is ready, drop what still waits."""
         return self._merge(self._intake.flush())
@@ -108,11 +112,9 @@ class Mapping:
         area = self.grid.observed_area()
         if not area.rows:
             area = Area(area.iy, area.ix, TILE, TILE)
-        return self.grid.read(threshold, area), self._obstacles.read(self.grid.geometry, area)
+        return self.grid.read(threshold, area), self._obstacles.read(area)
 
-    def _content(
-        self, kind: str, read: Callable[[Any], _Content], message: Any
-    ) -> _Content | None:
+    def _content(self, kind: str, read: Callable[[Any], _Content], message: Any) -> _Content | None:
         try:
             return read(message)
         except InputError as error:

@@ -3,8 +3,8 @@
 """Every tunable number, once: default, unit, range and meaning.
 
 One frozen section per module; the module takes its own section, the nodes declare ROS
-parameters from it (``section.name``), and ``config/heightmap25d.yaml`` and the README's table
-are generated from it.
+parameters from it (``section.name``), and `parameter_file` writes ``config/heightmap25d.yaml``
+and the README's table from it.
 """
 
 from __future__ import annotations
@@ -14,10 +14,7 @@ import difflib
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
-
-import yaml
 
 from heightmap25d_ros.errors import InputError
 
@@ -45,9 +42,7 @@ class Spec:
 
 
 def _parameter(default: Any, meaning: str, unit: str = "", **limits: Any) -> Any:
-    return field(
-        default=default, metadata={"spec": Spec(meaning=meaning, unit=unit, **limits)}
-    )
+    return field(default=default, metadata={"spec": Spec(meaning=meaning, unit=unit, **limits)})
 
 
 class _Section:
@@ -78,6 +73,9 @@ class SensorParams(_Section):
     The four likelihoods are pairs, at range 0 and at ``max_range``, linear in between.
     """
 
+    min_range: float = _parameter(
+        0.0, "returns nearer than this (the robot's own body) are ignored", "m", low=0.0, high=10.0
+    )
     max_range: float = _parameter(
         30.0, "returns from farther away clear, but do not hit", "m", low=0.5, high=200.0
     )
@@ -88,7 +86,7 @@ class SensorParams(_Section):
         -5.0, "returns lower than this above base_link are not mapped", "m", low=-327.0, high=327.0
     )
     max_height: float = _parameter(
-        2.0, "returns higher than this above base_link (ceilings) are not mapped", "m",
+        1.5, "returns higher than this above base_link (ceilings) are not mapped", "m",
         low=-327.0, high=327.0,
     )  # fmt: skip
     hit_given_object: tuple[float, ...] = _parameter(
@@ -108,7 +106,9 @@ class SensorParams(_Section):
         _Section.__post_init__(self)
         for name in _LIKELIHOODS:
             if len(getattr(self, name)) != 2:
-                raise InputError(f"parameter sensor.{name}: needs two numbers, at 0 m and at max_range")
+                raise InputError(
+                    f"parameter sensor.{name}: needs two numbers, at 0 m and at max_range"
+                )
         if self.min_height >= self.max_height:
             raise InputError("parameter sensor.min_height: must be below max_height")
         if any(o <= e for o, e in zip(self.hit_given_object, self.hit_given_empty, strict=True)):
@@ -247,7 +247,7 @@ def _check(name: str, spec: Spec, value: Value) -> None:
             raise InputError(f"parameter {name}: {number:g} is not within {spec.range_text}")
 
 
-def _convert(name: str, given: Any, default: Value) -> Value:
+def _convert(name: str, given: Any, default: Value) -> Any:
     """The given value as the default's type; integers pass for floats, lists for tuples."""
     if isinstance(default, tuple):
         entry_type = str if default and isinstance(default[0], str) else float
@@ -258,7 +258,7 @@ def _convert(name: str, given: Any, default: Value) -> Value:
         return float(given)
     if type(given) is not type(default):
         raise InputError(f"parameter {name}: {given!r} is not a {type(default).__name__}")
-    return given  # type: ignore[no-any-return]
+    return given
 
 
 def with_values(params: Params, values: Mapping[str, Any]) -> Params:
@@ -291,76 +291,3 @@ def with_values(params: Params, values: Mapping[str, Any]) -> Params:
             for section, replaced in changes.items()
         },
     )
-
-
-def read_yaml(path: Path, params: Params | None = None) -> Params:
-    """Parameters from a ROS parameter file, on top of the given ones or of the defaults.
-
-    Every ``ros__parameters`` block of the file is taken, whatever its node's name is.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, is not a parameter file, or holds a bad parameter.
-    """
-    try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(f"{path}: {reason}") from None
-    values: dict[str, Any] = {}
-    for node, block in _mapping(path, "the file", document).items():
-        body = _mapping(path, node, block).get("ros__parameters")
-        values.update(_dotted(_mapping(path, f"{node}.ros__parameters", body)))
-    try:
-        return with_values(params or Params(), values)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
-
-
-def _mapping(path: Path, name: str, value: Any) -> dict[str, Any]:
-    if not isinstance(value, dict):
-        raise InputError(f"{path}: {name} is not a mapping, as in a ROS parameter file")
-    return value
-
-
-def _dotted(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    for name, value in tree.items():
-        if isinstance(value, dict):
-            yield from _dotted(value, f"{prefix}{name}.")
-        else:
-            yield f"{prefix}{name}", value
-
-
-def _yaml_value(value: Value) -> str:
-    text = yaml.safe_dump(list(value) if isinstance(value, tuple) else value,
-                          default_flow_style=True)  # fmt: skip
-    return text.removesuffix("...\n").strip()
-
-
-def as_yaml(params: Params) -> str:
-    """The parameters as a ROS parameter file with units, ranges and meanings as comments."""
-    lines = [
-        "# Generated from heightmap25d_ros/params.py by scripts/write_parameters.py.",
-        "/**:",
-        "  ros__parameters:",
-    ]
-    for section in dataclasses.fields(params):
-        lines.append(f"    {section.name}:")
-        for name, spec, value in specs(getattr(params, section.name)):
-            facts = ", ".join(filter(None, [spec.unit, spec.range_text]))
-            comment = spec.meaning + (f" [{facts}]" if facts else "")
-            lines += [f"      # {comment}", f"      {name}: {_yaml_value(value)}"]
-    return "\n".join(lines) + "\n"
-
-
-def as_markdown(params: Params) -> str:
-    """The parameters as a table for the README."""
-    lines = ["| parameter | default | unit | range | meaning |", "|---|---|---|---|---|"]
-    for name, (spec, value) in flatten(params).items():
-        range_text = spec.range_text.replace("|", "\\|")
-        meaning = spec.meaning.replace("|", "\\|")
-        lines.append(
-            f"| `{name}` | {_yaml_value(value)} | {spec.unit} | {range_text} | {meaning} |"
-        )
-    return "\n".join(lines) + "\n"

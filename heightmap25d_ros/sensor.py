@@ -42,7 +42,8 @@ class Scan:
         """(N,) int64: when each beam was taken; (1,) where all were at once."""
         count = len(self.ranges) if self.time_increment else 1
         offsets = np.arange(count) * (self.time_increment * 1e9)
-        return self.stamp_ns + np.rint(offsets).astype(np.int64)
+        stamps: NDArray[np.int64] = self.stamp_ns + np.rint(offsets).astype(np.int64)
+        return stamps
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,9 +71,9 @@ def beams(
     """Beams of a scan in the map frame, by REP-117.
 
     +inf: no return, clears to ``clearing_range``. NaN, -inf and values outside of
-    ``range_min .. range_max``: no beam. Returns beyond ``max_range`` clear up to there, and
-    returns outside of the window ``min_height .. max_height`` above base_link clear up to the
-    return; neither hits.
+    ``range_min .. range_max`` or below ``min_range``: no beam. Returns beyond ``max_range``
+    clear up to there, and returns outside of the window ``min_height .. max_height`` above
+    base_link clear up to the return; neither hits.
 
     Parameters
     ----------
@@ -82,7 +83,8 @@ def beams(
     params : SensorParams
     """
     ranges = scan.ranges.astype(np.float64)
-    is_return = (ranges >= scan.range_min) & (ranges <= scan.range_max)
+    nearest = max(scan.range_min, params.min_range)
+    is_return = (ranges >= nearest) & (ranges <= scan.range_max)
     is_miss = ranges == np.inf
     reach = np.where(is_miss, params.clearing_range, np.minimum(ranges, params.max_range))
     used = (is_return | is_miss) & (reach > 0.0)

@@ -9,6 +9,7 @@ probability is kept in 16 bits within its bounds, as the map stores it.
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass, field
 
@@ -39,9 +40,7 @@ class LiteralMap:
         return pair[0] + share * (pair[1] - pair[0])
 
     def bayes(self, prior: float, given_object: float, given_empty: float) -> float:
-        return self.keep(
-            given_object * prior / (given_object * prior + given_empty * (1 - prior))
-        )
+        return self.keep(given_object * prior / (given_object * prior + given_empty * (1 - prior)))
 
     def is_known(self, probability: float) -> bool:
         threshold = math.floor(self.rule.probability_threshold * 65535 + 0.5)
@@ -56,7 +55,7 @@ class LiteralMap:
                 if min(a, b) < line < max(a, b):
                     crossings.add((line - a) / (b - a))
         ordered = sorted(crossings)
-        for t0, t1 in zip(ordered, ordered[1:], strict=False):
+        for t0, t1 in itertools.pairwise(ordered):
             middle = (t0 + t1) / 2
             x, y = (origin[k] + middle * (end[k] - origin[k]) for k in (0, 1))
             yield (math.floor(y / self.resolution), math.floor(x / self.resolution)), middle
@@ -81,9 +80,7 @@ class LiteralMap:
             beam_height += 100 * self.rule.clearing_margin
             if cell.candidate is not None and cell.candidate[0] >= beam_height:
                 belief = self.bayes(cell.candidate[1], given_object, given_empty)
-                cell.candidate = (
-                    (cell.candidate[0], belief) if self.is_known(belief) else None
-                )
+                cell.candidate = (cell.candidate[0], belief) if self.is_known(belief) else None
         if self.is_known(cell.probability) and cell.height >= beam_height:
             cell.probability = self.bayes(cell.probability, given_object, given_empty)
 

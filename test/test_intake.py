@@ -168,6 +168,18 @@ def test_scans_leave_in_the_order_of_their_stamps_and_topics():
     assert not intake.dropped
 
 
+def test_settling_releases_what_has_its_poses_and_keeps_what_has_not():
+    intake = intake_of(topics=("left", "right"))
+    for seconds in (0.0, 0.1, 0.2):
+        intake.add_odometry(pose(seconds))
+    assert intake.add_scan("left", scan(0.05)) == []  # the right laser may still have an older one
+    assert intake.add_scan("left", scan(0.25)) == []
+    assert stamps(intake.settle()) == [0.05]
+    intake.add_odometry(pose(0.3))
+    assert stamps(intake.settle()) == [0.25]
+    assert intake.dropped.total() == 0
+
+
 def test_a_laser_that_fell_silent_is_not_waited_for():
     intake = intake_of(topics=("a", "b"), wait_limit=1.0)
     released = []

@@ -6,15 +6,8 @@ import pytest
 import yaml
 
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.params import (
-    Params,
-    SensorParams,
-    as_markdown,
-    as_yaml,
-    flatten,
-    read_yaml,
-    with_values,
-)
+from heightmap25d_ros.parameter_file import as_markdown, as_yaml, read_yaml
+from heightmap25d_ros.params import Params, SensorParams, flatten, with_values
 
 ROOT = Path(__file__).parent.parent
 

@@ -63,6 +63,11 @@ def test_rep_117_values():
     assert result.is_hit.tolist() == [False, True]
 
 
+def test_returns_from_the_robots_own_body_are_ignored():
+    result = beams(scan([0.6, 0.9]), LEVEL, LEVEL, SensorParams(min_range=0.8))
+    np.testing.assert_allclose(result.ends, [(0, 0.9, 0)], atol=1e-7)
+
+
 def test_returns_beyond_max_range_clear_up_to_there():
     result = beams(scan([50.0]), LEVEL, LEVEL, SensorParams(max_range=30.0))
     np.testing.assert_allclose(result.ends, [(30, 0, 0)])

@@ -10,8 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from heightmap25d_msgs.msg import HeightGrid as HeightGridMessage
-from heightmap25d_msgs.srv import LoadMap, SaveMap
 from nav_msgs.msg import OccupancyGrid, Odometry
 from nav_msgs.srv import GetMap
 from rclpy.clock import Clock, ClockType
@@ -22,6 +20,8 @@ from sensor_msgs.msg import LaserScan, PointCloud2, PointField
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
+from heightmap25d_msgs.msg import HeightGrid as HeightGridMessage
+from heightmap25d_msgs.srv import LoadMap, SaveMap
 from heightmap25d_ros import map_io, messages
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid import HeightMap
@@ -128,6 +128,7 @@ class MappingNode(Node):
     def _save_map(self, request: SaveMap.Request, response: SaveMap.Response) -> SaveMap.Response:
         try:
             path = map_io.map_path(Path(self._params.mapping.map_directory), request.name)
+            self._count(self._mapping.settle())
             map_io.save(path, *self._mapping.maps(), self._frame)
         except InputError as error:
             response.message = str(error)

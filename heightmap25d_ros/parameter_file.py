@@ -1,0 +1,88 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters as text: ROS parameter files in and out, and the README's table."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.params import Params, Value, flatten, specs, with_values
+
+
+def read_yaml(path: Path, params: Params | None = None) -> Params:
+    """Parameters from a ROS parameter file, on top of the given ones or of the defaults.
+
+    Every ``ros__parameters`` block of the file is taken, whatever its node's name is.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is not a parameter file, or holds a bad parameter.
+    """
+    try:
+        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"{path}: {reason}") from None
+    values: dict[str, Any] = {}
+    for node, block in _mapping(path, "the file", document).items():
+        body = _mapping(path, node, block).get("ros__parameters")
+        values.update(_dotted(_mapping(path, f"{node}.ros__parameters", body)))
+    try:
+        return with_values(params or Params(), values)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def _mapping(path: Path, name: str, value: Any) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise InputError(f"{path}: {name} is not a mapping, as in a ROS parameter file")
+    return value
+
+
+def _dotted(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for name, value in tree.items():
+        if isinstance(value, dict):
+            yield from _dotted(value, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", value
+
+
+def _yaml_value(value: Value) -> str:
+    plain = list(value) if isinstance(value, tuple) else value
+    text: str = yaml.safe_dump(plain, default_flow_style=True)
+    return text.removesuffix("...\n").strip()
+
+
+def as_yaml(params: Params) -> str:
+    """The parameters as a ROS parameter file with units, ranges and meanings as comments."""
+    lines = [
+        "# Generated from heightmap25d_ros/params.py by scripts/write_parameters.py.",
+        "/**:",
+        "  ros__parameters:",
+    ]
+    for section in dataclasses.fields(params):
+        lines.append(f"    {section.name}:")
+        for name, spec, value in specs(getattr(params, section.name)):
+            facts = ", ".join(filter(None, [spec.unit, spec.range_text]))
+            comment = spec.meaning + (f" [{facts}]" if facts else "")
+            lines += [f"      # {comment}", f"      {name}: {_yaml_value(value)}"]
+    return "\n".join(lines) + "\n"
+
+
+def as_markdown(params: Params) -> str:
+    """The parameters as a table for the README."""
+    lines = ["| parameter | default | unit | range | meaning |", "|---|---|---|---|---|"]
+    for name, (spec, value) in flatten(params).items():
+        range_text = spec.range_text.replace("|", "\\|")
+        meaning = spec.meaning.replace("|", "\\|")
+        lines.append(
+            f"| `{name}` | {_yaml_value(value)} | {spec.unit} | {range_text} | {meaning} |"
+        )
+    return "\n".join(lines) + "\n"
