@@ -6,7 +6,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, TypeVar
+
+import numpy as np
 
 from heightmap25d_ros import messages, sensor
 from heightmap25d_ros.errors import InputError
@@ -16,7 +19,22 @@ from heightmap25d_ros.mapper import Mapper
 from heightmap25d_ros.params import Params
 from heightmap25d_ros.traversability import ObstacleGrid, ObstacleMap
 
+_SCRATCH_EXTENT = 32.0  # [m] of a grid that is thrown away
 _Content = TypeVar("_Content")
+
+
+def compile_kernels(params: Params) -> None:
+    """Compile, or load from numba's cache, all that the first scan and the first map need.
+
+    It takes seconds when nothing is cached: too long for a node whose messages queue up.
+    """
+    scratch = HeightGrid(replace(params.grid, extent=_SCRATCH_EXTENT))
+    beam = np.array([[0.0, 0.0, 1.0]])
+    Mapper(scratch, params.sensor, params.mapper).integrate(
+        sensor.Beams(origins=beam, ends=beam + 1.0, is_hit=np.ones(1, bool))
+    )
+    obstacles = ObstacleGrid(scratch.geometry, params.traversability)
+    obstacles.update(scratch, params.mapper.probability_threshold)
 
 
 class Mapping:

@@ -15,7 +15,7 @@ from nav_msgs.srv import GetMap
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import LaserScan, PointCloud2, PointField
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
@@ -25,12 +25,14 @@ from heightmap25d_msgs.srv import LoadMap, SaveMap
 from heightmap25d_ros import map_io, messages
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid import HeightMap
-from heightmap25d_ros.mapping import Mapping
+from heightmap25d_ros.mapping import Mapping, compile_kernels
 from heightmap25d_ros.nodes import process
 from heightmap25d_ros.traversability import ObstacleMap
 
 _REPORT_PERIOD = 5.0  # [s] between two lines about dropped messages
 _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+# As qos_profile_sensor_data, but deep enough for the scans that come while a map is converted.
+_SCANS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 _Maps = tuple[HeightMap, ObstacleMap]
 
 
@@ -46,7 +48,7 @@ class MappingNode(Node):
         self._params = process.declare_params(self)
         self._frame = self._params.mapping.map_frame
         self._mapping = Mapping(self._params)
-        self._mapping.maps()  # compiles, or loads compiled, before the first scan comes
+        compile_kernels(self._params)
         self._version = 0  # of the map: counts merges, loads and clears
         self._published: dict[str, int] = {}
         self._reported = 0
@@ -68,9 +70,7 @@ class MappingNode(Node):
 
     def _subscribe(self) -> None:
         for topic in self._params.intake.scan_topics:
-            self.create_subscription(
-                LaserScan, topic, self._on_scan_of(topic), qos_profile_sensor_data
-            )
+            self.create_subscription(LaserScan, topic, self._on_scan_of(topic), _SCANS)
         self.create_subscription(Odometry, "odom", self._on_odometry, 100)
         self.create_subscription(
             PoseWithCovarianceStamped, "pose_correction", self._mapping.take_correction, 10
