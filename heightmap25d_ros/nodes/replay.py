@@ -262,11 +262,11 @@ def _run(node: Node, bag: Bag, options: argparse.Namespace) -> None:
         player.play(start_ns, stop_ns, options.rate)
         while options.loop:
             player.play(start_ns, stop_ns, options.rate)
-        if not player.wait_until_acknowledged():
-            print("replay: a subscriber did not acknowledge everything", flush=True)
     finally:
         seconds, late = time.monotonic() - began, 1e3 * player.late
         print(f"replay: {player.count} messages in {seconds:.1f} s, at most {late:.1f} ms late")
+    if not player.wait_until_acknowledged():
+        print("replay: a subscriber did not acknowledge everything")
 
 
 def _stop(signal_number: int, frame: FrameType | None) -> NoReturn:
