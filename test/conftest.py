@@ -4,6 +4,12 @@
 
 import os
 
+from hypothesis import HealthCheck, settings
+
+# No test is timed: the machine may be busy, and the first call of a kernel compiles it.
+settings.register_profile("untimed", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("untimed")
+
 # Nodes of a test see one another, and no other ROS on the machine or the network.
 os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 101)
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"

@@ -486,7 +486,7 @@ def run(events):
     return released + intake.flush(), intake.dropped
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(
     st.dictionaries(
         st.sampled_from(["odom", "tf", "a", "b"]), st.floats(0.0, 0.3), min_size=4, max_size=4

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
@@ -247,7 +247,6 @@ def literal_lookup(tree, target, source, stamp, max_gap):
     return np.linalg.inv(T_common_target) @ T_common_source
 
 
-@settings(deadline=None)
 @given(
     trees(),
     st.sampled_from(FRAMES),
