@@ -1,0 +1,254 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Heights become transitions, obstacles and cost.
+
+- A *transition* between known 8-neighbours is blocked when their heights differ by more than
+  ``max_step``, up or down.
+- A known cell is *occupied* when it is the upper end of a blocked transition (a wall takes its
+  own cells, a cliff its rim), or when the ground under a footprint centred on it is steeper than
+  ``max_slope``.
+- The *cost* of a free cell is the largest of three shares: the largest step to a neighbour in
+  ``max_step``, the gradient under the footprint in that of ``max_slope``, the roughness there in
+  ``max_roughness``. Cells within ``robot_radius`` of an occupied one are inflated: a robot with
+  its centre there touches it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.footprint import Footprint, footprint, inflate, planes
+from heightmap25d_ros.grid import (
+    HEIGHT_RESOLUTION,
+    TILE,
+    Area,
+    Geometry,
+    HeightGrid,
+    HeightMap,
+    TiledArray,
+)
+from heightmap25d_ros.params import TraversabilityParams
+from heightmap25d_ros.terrain import (
+    NEIGHBOURS,
+    cropped,
+    padded_surface,
+    step_obstacles,
+    transitions,
+)
+
+__all__ = [
+    "NEIGHBOURS",
+    "OCCUPIED",
+    "ObstacleGrid",
+    "ObstacleMap",
+    "blocked_transitions",
+    "convert",
+    "step_obstacles",
+]
+
+OCCUPIED = 100
+"""Occupancy and cost of a cell that cannot be entered."""
+
+INFLATED = 99
+"""Cost of a free cell at which the robot would touch an occupied one."""
+
+STEEPEST = 98
+"""Cost of a free cell at a limit of step, slope or roughness."""
+
+LARGEST_RADIUS = 100
+"""Of the footprint [cells]."""
+
+BLOCK = 16
+"""Side [tiles] of the squares that are converted at a time."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ObstacleMap:
+    """A dense rectangle of the obstacle grid.
+
+    Attributes
+    ----------
+    geometry : Geometry
+    occupancy : (rows, columns) int8
+        -1: unknown, 0: free, 100: occupied; not inflated.
+    cost : (rows, columns) int8
+        -1: unknown, 0 .. 98: free, 99: inflated, 100: occupied.
+    blocked : (rows, columns) uint8
+        Bit k: the transition to ``NEIGHBOURS[k]`` is blocked.
+    """
+
+    geometry: Geometry
+    occupancy: NDArray[np.int8]
+    cost: NDArray[np.int8]
+    blocked: NDArray[np.uint8]
+
+
+def blocked_transitions(
+    height: NDArray[np.int16], known: NDArray[np.bool_], max_step_cm: int
+) -> NDArray[np.uint8]:
+    """Which steps to the 8 neighbours are too high, up or down.
+
+    Parameters
+    ----------
+    height : (rows, columns) int16 [cm]
+    known : (rows, columns) bool
+    max_step_cm : int [cm]
+
+    Returns
+    -------
+    (rows, columns) uint8
+        Bit k: the transition to ``NEIGHBOURS[k]``; never one from or to an unknown cell.
+
+    Examples
+    --------
+    A step between two cells of a row:
+
+    >>> blocked_transitions(np.array([[0, 11]], np.int16), np.ones((1, 2), bool), 10)
+    array([[ 1, 16]], dtype=uint8)
+    """
+    blocked, _ = transitions(padded_surface(height, known, 1), max_step_cm)
+    return cropped(blocked, 1)
+
+
+def convert(height_map: HeightMap, params: TraversabilityParams) -> ObstacleMap:
+    """Obstacles of a dense map, beyond which nothing is known.
+
+    Raises
+    ------
+    InputError
+        If the robot's radius is more than 100 cells.
+    """
+    height, known = height_map.height, height_map.known
+    cell_cm = height_map.geometry.resolution / HEIGHT_RESOLUTION
+    max_step_cm = _whole(params.max_step / HEIGHT_RESOLUTION)
+    disc = _disc(params, height_map.geometry.resolution)
+    margin = max(disc.radius, 1)
+    surface = padded_surface(height, known, margin)
+    blocked, step = transitions(surface, max_step_cm)
+    gradient, roughness = planes(surface, blocked, disc, max_step_cm)
+    blocked, step = cropped(blocked, margin), cropped(step, margin)
+    gradient, roughness = cropped(gradient, margin), cropped(roughness, margin)
+
+    max_gradient = math.tan(params.max_slope) * cell_cm
+    occupancy = step_obstacles(height, known, max_step_cm)
+    occupancy[gradient > max_gradient] = OCCUPIED
+    cost = np.empty(height.shape, np.int8)
+    max_roughness = params.max_roughness / HEIGHT_RESOLUTION
+    scales = tuple(STEEPEST / limit for limit in (max_step_cm, max_gradient, max_roughness))
+    _grade(occupancy, step, gradient, roughness, scales, cost)
+    return ObstacleMap(
+        geometry=height_map.geometry,
+        occupancy=occupancy,
+        cost=inflate(cost, disc, occupied=OCCUPIED, inflated=INFLATED),
+        blocked=blocked,
+    )
+
+
+def _whole(quantity: float) -> int:
+    """Whole units in a quantity, whatever its last bits (0.29 / 0.01 is 28.999...)."""
+    return math.floor(quantity + 1e-6)
+
+
+def _disc(params: TraversabilityParams, resolution: float) -> Footprint:
+    cells = params.robot_radius / resolution
+    if cells > LARGEST_RADIUS:
+        raise InputError(
+            f"parameter traversability.robot_radius: {params.robot_radius:g} m is more than "
+            f"{LARGEST_RADIUS} cells of {resolution:g} m"
+        )
+    return footprint(_whole(cells**2))
+
+
+@njit(cache=True)
+def _grade(occupancy, step, gradient, roughness, scales, cost):
+    for y in range(cost.shape[0]):
+        for x in range(cost.shape[1]):
+            share = max(gradient[y, x] * scales[1], roughness[y, x] * scales[2])
+            share = min(max(step[y, x] * scales[0], share), np.float64(STEEPEST))
+            cost[y, x] = np.int8(share) if occupancy[y, x] == 0 else occupancy[y, x]
+
+
+class ObstacleGrid:
+    """The obstacles of a `HeightGrid`, converted again where it changed.
+
+    At all times after an update it holds what `convert` makes of all that was observed. Like
+    the height grid it takes memory only where cells were observed.
+
+    Parameters
+    ----------
+    geometry : Geometry
+        The height grid's.
+    params : TraversabilityParams
+
+    Raises
+    ------
+    InputError
+        If the robot's radius is more than 100 cells.
+    """
+
+    def __init__(self, geometry: Geometry, params: TraversabilityParams) -> None:
+        self._geometry = geometry
+        self._params = params
+        radius = _disc(params, geometry.resolution).radius
+        self._influence = radius + max(radius, 1)  # inflation, and what makes a cell occupied
+        tiles = geometry.shape[0] // TILE, geometry.shape[1] // TILE
+        # A cost is stored plus 1: what was never written is unknown.
+        self._cost = TiledArray(tiles, np.int8)
+        self._blocked = TiledArray(tiles, np.uint8)
+
+    def update(self, grid: HeightGrid, probability_threshold: float) -> NDArray[np.int64]:
+        """Convert again what the changes of the grid since the last time can have changed.
+
+        Returns
+        -------
+        (K, 2) int64
+            Tiles (ty, tx) that were converted.
+        """
+        tiles = self._influenced(grid.take_changed(), grid)
+        for area in _areas(tiles):
+            window = area.grown(self._influence)
+            converted = convert(grid.read(probability_threshold, window), self._params)
+            inside = area.slices(window)
+            self._cost.write(area, converted.cost[inside] + np.int8(1))
+            self._blocked.write(area, converted.blocked[inside])
+        return tiles
+
+    def read(self, area: Area) -> ObstacleMap:
+        """Dense copy of an area; unknown outside of the grid."""
+        cost = self._cost.read(area) - np.int8(1)
+        return ObstacleMap(
+            geometry=self._geometry.part(area),
+            occupancy=np.where(cost == OCCUPIED, cost, np.minimum(cost, np.int8(0))),
+            cost=cost,
+            blocked=self._blocked.read(area),
+        )
+
+    def _influenced(self, changed: NDArray[np.int64], grid: HeightGrid) -> NDArray[np.int64]:
+        """Changed tiles, and the observed ones that are near enough; in the order of rows."""
+        reach = -(-self._influence // TILE)
+        offsets = np.indices((2 * reach + 1, 2 * reach + 1)).reshape(2, 1, -1) - reach
+        around = (changed.T[:, :, None] + offsets).reshape(2, -1)
+        shape = grid.tile_top.shape
+        ty, tx = around[:, ((around >= 0) & np.less(around.T, shape).T).all(axis=0)]
+        observed = grid.tile_top[ty, tx] > 0
+        near = np.ravel_multi_index((ty[observed], tx[observed]), shape)
+        tiles = np.union1d(near, np.ravel_multi_index(tuple(changed.T), shape))
+        return np.column_stack(np.unravel_index(tiles, shape))
+
+
+def _areas(tiles: NDArray[np.int64]) -> Iterator[Area]:
+    """Areas that cover the tiles: in every square of `BLOCK` tiles the smallest rectangle."""
+    blocks = tiles // BLOCK
+    order = np.lexsort((blocks[:, 1], blocks[:, 0]))
+    new = np.diff(blocks[order], axis=0).any(axis=1)
+    for group in np.split(tiles[order], np.flatnonzero(new) + 1):
+        if len(group):
+            first, sides = group.min(axis=0), np.ptp(group, axis=0) + 1
+            yield Area(*(int(number) * TILE for number in (*first, *sides)))
