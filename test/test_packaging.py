@@ -23,7 +23,7 @@ EXECUTABLES = {"heightmap25d", "mapping", "replay"}
 ORDER = [
     "errors", "se3", "params",
     "grid", "sensor",
-    "mapper", "terrain", "traversability",
+    "mapper", "terrain", "footprint", "traversability",
     "messages", "transforms", "intake", "mapping",
     "bag", "atomic_directory", "map_io", "evaluation", "block_view", "render",
     "cli", "nodes",
