@@ -41,7 +41,7 @@ def assert_as_defined(height, known, radius_squared, max_step, cells):
     max_step=st.sampled_from([1, 4, 10, 40]),
     share_known=st.sampled_from([0.3, 0.7, 1.0]),
 )
-@settings(max_examples=150, deadline=None)  # the first call compiles
+@settings(max_examples=150)
 def test_planes_by_the_definition(seed, radius_squared, max_step, share_known):
     rng = np.random.default_rng(seed)
     shape = tuple(rng.integers(1, 13, 2))
@@ -136,7 +136,6 @@ def test_a_footprint_is_the_cells_within_the_radius(radius_squared):
 
 
 @given(seed=st.integers(0, 2**32 - 1), radius_squared=st.sampled_from([0, 1, 4, 16, 50]))
-@settings(deadline=None)
 def test_inflation_as_distance_transform(seed, radius_squared):
     rng = np.random.default_rng(seed)
     shape = tuple(rng.integers(1, 90, 2))

@@ -4,7 +4,7 @@ import doctest
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from literal_traversability import LiteralTerrain
@@ -44,7 +44,6 @@ def test_examples():
 
 
 @given(terrains())
-@settings(deadline=None)  # the first call compiles
 def test_transitions_and_obstacles_by_the_definition(case):
     height, known, max_step = case
     literal = LiteralTerrain.of(height, known, max_step, 0)
@@ -60,7 +59,6 @@ def test_transitions_and_obstacles_by_the_definition(case):
 
 
 @given(terrains())
-@settings(deadline=None)  # the first call compiles
 def test_a_blocked_transition_is_so_both_ways_and_ends_in_an_occupied_cell(case):
     height, known, max_step = case
     blocked, _ = padded_transitions(height, known, max_step)
