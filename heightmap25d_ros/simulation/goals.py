@@ -1,0 +1,131 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Pairs of start and goal that the robot's footprint can or cannot connect on a true surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import tan
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from heightmap25d_ros.simulation.scene import Array
+
+RADIUS, MAX_STEP, MAX_SLOPE = 0.5, 0.10, 0.44
+"""Of the disc that covers the robot [m]; of what it climbs [m], [rad]."""
+
+WANTED = 20
+"""Pairs of either kind."""
+
+_CELL = 0.125
+_MARGIN = 0.125
+_EVERYWHERE = np.ones((3, 3), bool)
+
+Mask = NDArray[np.bool_]
+Cells = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Pairs:
+    """Cells (N, 2) as (row, column), and what is true of the way between them.
+
+    A pair is reachable if a disc wider by a cell than the robot's finds a way, unreachable if one
+    narrower by a cell finds none: others are left out. ``observed``: cells that the lasers met
+    connect them; ``footprint_observed``: so do cells whose whole disc was met.
+    """
+
+    start: Cells
+    goal: Cells
+    reachable: Mask
+    observed: Mask
+    footprint_observed: Mask
+
+
+def choose(height: Array, seen: Mask, driven: Cells, rng: np.random.Generator) -> Pairs:
+    """Draw pairs.
+
+    Parameters
+    ----------
+    height : (rows, columns) float64 [m]
+        Of the ground; infinite: closed.
+    seen : (rows, columns) bool
+    driven : (N, 2) int64
+        Cells where the robot was: starts.
+    rng : numpy.random.Generator
+    """
+    wide, exact, narrow = (free(height, RADIUS + d) for d in (_MARGIN, 0.0, -_MARGIN))
+    driven = driven[wide[driven[:, 0], driven[:, 1]]]
+    parts, _ = ndimage.label(wide, _EVERYWHERE)
+    main = np.bincount(parts[driven[:, 0], driven[:, 1]]).argmax()
+    driven = driven[parts[driven[:, 0], driven[:, 1]] == main]
+    loose, _ = ndimage.label(narrow, _EVERYWHERE)
+    apart = seen & np.isfinite(height) & (loose != loose[tuple(driven[0])])
+    reachable = _drawn(np.argwhere(seen & (parts == main)), rng)
+    unreachable = _drawn(_inner(apart, narrow), rng)
+    goal = np.concatenate([reachable, unreachable])
+    start = driven[rng.integers(0, len(driven), len(goal))]
+    is_reachable = np.arange(len(goal)) < len(reachable)
+    seen_cells, _ = ndimage.label(exact & seen, _EVERYWHERE)
+    whole = ndimage.distance_transform_edt(seen) * _CELL > RADIUS
+    seen_discs, _ = ndimage.label(exact & whole, _EVERYWHERE)
+    return Pairs(
+        start,
+        goal,
+        is_reachable,
+        is_reachable & _connected(seen_cells, start, goal),
+        is_reachable & _connected(seen_discs, start, goal),
+    )
+
+
+def free(height: Array, radius: float) -> Mask:
+    """Where the middle of a disc may be: no step too high within it, no slope below it.
+
+    Parameters
+    ----------
+    height : (rows, columns) float64 [m]
+    radius : float [m]
+    """
+    return np.asarray(ndimage.distance_transform_edt(~_beside_steps(height)) * _CELL > radius) & (
+        _slope(height, RADIUS) <= tan(MAX_SLOPE)
+    )
+
+
+def _beside_steps(height: Array) -> Mask:
+    """Cells with a neighbour that is a step away; the border is one."""
+    closed = np.where(np.isfinite(height), height, 1e6)
+    padded = np.pad(closed, 1, constant_values=1e6)
+    rows, columns = height.shape
+    result = ~np.isfinite(height)
+    for dy in range(3):
+        for dx in range(3):
+            result |= np.abs(padded[dy : dy + rows, dx : dx + columns] - closed) > MAX_STEP
+    return result
+
+
+def _slope(height: Array, radius: float) -> Array:
+    """Slope of the least-squares plane over the disc around each cell, as a tangent."""
+    reach = int(radius / _CELL)
+    dy, dx = np.mgrid[-reach : reach + 1, -reach : reach + 1] * _CELL
+    disc = np.hypot(dy, dx) <= radius
+    weight = (dx * disc) / (dx**2 * disc).sum()
+    filled = np.where(np.isfinite(height), height, 0.0)
+    along_x = ndimage.correlate(filled, weight, mode="nearest")
+    along_y = ndimage.correlate(filled, weight.T, mode="nearest")
+    return np.asarray(np.hypot(along_x, along_y))
+
+
+def _inner(apart: Mask, narrow: Mask) -> Cells:
+    """Unreachable cells: free ones that lie apart before those too close to an obstacle."""
+    free_ones = np.argwhere(apart & narrow)
+    return free_ones if len(free_ones) >= WANTED else np.argwhere(apart)
+
+
+def _drawn(cells: Cells, rng: np.random.Generator) -> Cells:
+    return rng.permutation(cells)[:WANTED]
+
+
+def _connected(parts: NDArray[np.int32], start: Cells, goal: Cells) -> Mask:
+    here, there = parts[tuple(start.T)], parts[tuple(goal.T)]
+    return np.asarray((here == there) & (here > 0))

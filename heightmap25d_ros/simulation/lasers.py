@@ -1,0 +1,172 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Laser scanners of the SICK LMS-200's class: where they sit, and what they measure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf, pi, radians
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heightmap25d_ros import se3
+from heightmap25d_ros.simulation.scene import Array, Scene
+
+RANGE_MIN, RANGE_MAX = 0.05, 30.0
+BEAMS = 361
+ANGLE_INCREMENT = pi / (BEAMS - 1)
+ANGLES = np.arange(BEAMS) * ANGLE_INCREMENT - pi / 2
+SCAN_DURATION = 1.0 / 75.0
+TIME_INCREMENT = SCAN_DURATION / BEAMS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RangeNoise:
+    """How ranges err; all zero: not at all.
+
+    Attributes
+    ----------
+    sigma : float [m]
+        Gaussian.
+    step : float [m]
+        Ranges are whole multiples.
+    dropout : float
+        Share of the beams that return nothing.
+    short : float
+        Share of the beams that return from somewhere before the surface.
+    mixed, mixed_step : float, float [m]
+        Where neighbouring ranges differ by more than the step, one of the two lies, with this
+        probability, somewhere between them.
+    """
+
+    sigma: float = 0.01
+    step: float = 0.001
+    dropout: float = 0.002
+    short: float = 0.001
+    mixed: float = 0.15
+    mixed_step: float = 0.10
+
+
+EXACT_RANGES = RangeNoise(sigma=0.0, step=0.0, dropout=0.0, short=0.0, mixed=0.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Laser:
+    """A laser and its mount in base_link; a positive pitch looks down.
+
+    Attributes
+    ----------
+    position : (3,) float [m]
+    pitch : float [rad]
+    nod, nod_period : float [rad], [s]
+        It nods about that pitch; 0: fixed.
+    rate : float [Hz]
+    first_scan : float [s]
+        The mirrors turn independently.
+    """
+
+    topic: str
+    frame_id: str
+    position: tuple[float, float, float]
+    pitch: float = 0.0
+    nod: float = 0.0
+    nod_period: float = 3.0
+    rate: float = 37.5
+    first_scan: float = 0.02
+
+    def T_base_sensor(self, seconds: Array) -> se3.Matrix:
+        """(N, 4, 4): the mount at times [s]."""
+        poses = np.zeros((len(seconds), 6))
+        poses[:, :3] = self.position
+        poses[:, 4] = self.pitch + self.nod * np.sin(2 * pi * seconds / self.nod_period)
+        return se3.from_xyz_rpy(poses)
+
+
+LEVEL = Laser(topic="/scan", frame_id="laser", position=(0.30, 0.0, 0.40))
+DOWN = Laser(topic="/scan_down", frame_id="laser_down", position=(0.28, 0.0, 0.60),
+             pitch=radians(28.0), first_scan=0.031)  # fmt: skip
+NODDING = Laser(topic="/scan_nod", frame_id="laser_nod", position=(0.25, 0.0, 0.70),
+                pitch=radians(25.0), nod=radians(25.0), first_scan=0.026)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class TakenScan:
+    """A scan and its truth.
+
+    Attributes
+    ----------
+    start : float [s]
+    ranges : (361,) float64 [m]
+        As measured; infinite: no return.
+    ends : (361, 3) float64 [m], map
+        Where each beam met a surface without noise; NaN: none within reach.
+    base_z : (361,) float64 [m], map
+        Of base_link at each beam's time.
+    mover : (361,) int32
+        Index of the moving thing that was met, or -1.
+    """
+
+    start: float
+    ranges: Array
+    ends: Array
+    base_z: Array
+    mover: NDArray[np.int32]
+
+
+def beam_times(start: float) -> Array:
+    """(361,) [s]: when each beam of a scan is taken."""
+    return start + TIME_INCREMENT * np.arange(BEAMS)
+
+
+def take_scan(
+    laser: Laser,
+    scene: Scene,
+    start: float,
+    T_map_base: se3.Matrix,
+    noise: RangeNoise,
+    rng: np.random.Generator,
+) -> TakenScan:
+    """One scan, each beam from its own pose.
+
+    Parameters
+    ----------
+    start : float [s]
+    T_map_base : (361, 4, 4) float64
+        True poses at `beam_times`.
+    """
+    T_map_sensor = T_map_base @ laser.T_base_sensor(beam_times(start))
+    axes = T_map_sensor[:, :3, :2]
+    directions = axes[:, :, 0] * np.cos(ANGLES)[:, None] + axes[:, :, 1] * np.sin(ANGLES)[:, None]
+    # Things walk slower than a scan lasts: they stand still for it.
+    scene.set_time(start + 0.5 * SCAN_DURATION)
+    ranges, mover = scene.ranges(T_map_sensor[:, :3, 3], directions)
+    reach = np.where(ranges <= RANGE_MAX, ranges, np.nan)
+    ends = T_map_sensor[:, :3, 3] + reach[:, None] * directions
+    return TakenScan(start, measured(ranges, noise, rng), ends, T_map_base[:, 2, 3], mover)
+
+
+def measured(ranges: Array, noise: RangeNoise, rng: np.random.Generator) -> Array:
+    """Measured ranges (N,) [m] of true ones; infinite where nothing returns."""
+    result = _mixed(ranges, noise, rng) + rng.normal(0.0, 1.0, len(ranges)) * noise.sigma
+    is_short = rng.random(len(ranges)) < noise.short
+    shortened = rng.uniform(RANGE_MIN, np.minimum(ranges, RANGE_MAX))
+    result = np.where(is_short, shortened, result)
+    if noise.step:
+        result = np.rint(result / noise.step) * noise.step
+    is_lost = rng.random(len(ranges)) < noise.dropout
+    in_reach = (result >= RANGE_MIN) & (result <= RANGE_MAX)
+    return np.where(in_reach & ~is_lost, result, inf)
+
+
+def _mixed(ranges: Array, noise: RangeNoise, rng: np.random.Generator) -> Array:
+    """At depth steps the spot of a beam meets both surfaces."""
+    near, far = ranges[:-1], ranges[1:]
+    both = np.isfinite(near) & np.isfinite(far)
+    difference = np.subtract(far, near, where=both, out=np.zeros(len(near)))
+    is_mixed = (np.abs(difference) > noise.mixed_step) & (rng.random(len(near)) < noise.mixed)
+    between = near + rng.random(len(near)) * difference
+    index = np.arange(len(near)) + (rng.random(len(near)) < 0.5)
+    result = ranges.copy()
+    result[index[is_mixed]] = between[is_mixed]
+    return result

@@ -1,0 +1,100 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What wheels and an inclinometer know of the way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import radians
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from heightmap25d_ros import se3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OdometryNoise:
+    """How wheels and inclinometer err; all zero: not at all.
+
+    The biases are drawn once per drive, with these spreads and either sign.
+
+    Attributes
+    ----------
+    translation_bias : float
+        Error of the way per way.
+    rotation_bias : float
+        Error of the turn per turn: a skid-steered robot turns about an uncertain track width.
+    heading_bias : float [rad/m]
+        Unequal wheels.
+    translation_walk, heading_walk : float [m/sqrt(m)], [rad/sqrt(m)]
+        Random walks along the way.
+    tilt_sigma, tilt_time : float [rad], [s]
+        Roll and pitch of the inclinometer: spread, and how long an error lasts.
+    """
+
+    translation_bias: float = 0.012
+    rotation_bias: float = 0.010
+    heading_bias: float = radians(0.13)
+    translation_walk: float = 0.010
+    heading_walk: float = radians(0.25)
+    tilt_sigma: float = radians(0.3)
+    tilt_time: float = 0.5
+
+
+EXACT_ODOMETRY = OdometryNoise(
+    translation_bias=0.0, rotation_bias=0.0, heading_bias=0.0, translation_walk=0.0,
+    heading_walk=0.0, tilt_sigma=0.0,
+)  # fmt: skip
+
+
+class Odometer:
+    """Dead reckoning: way and turn from the wheels, roll and pitch from the inclinometer.
+
+    Parameters
+    ----------
+    noise : OdometryNoise
+    rng : numpy.random.Generator
+
+    Attributes
+    ----------
+    T : (4, 4) float64 [m], odom
+        The pose of base_link as known.
+    """
+
+    def __init__(self, noise: OdometryNoise, rng: np.random.Generator) -> None:
+        self._noise, self._rng = noise, rng
+        signs = rng.choice([-1.0, 1.0], 3)
+        spreads = signs * rng.uniform(0.7, 1.3, 3)
+        self._translation_scale = 1.0 + spreads[0] * noise.translation_bias
+        self._rotation_scale = 1.0 + spreads[1] * noise.rotation_bias
+        self._heading_bias = spreads[2] * noise.heading_bias
+        self._tilt_error = rng.normal(0.0, 1.0, 2) * noise.tilt_sigma
+        self._position, self._yaw = np.zeros(3), 0.0
+        self.T = np.eye(4)
+
+    def advance(self, T_before: se3.Matrix, T_after: se3.Matrix, seconds: float) -> se3.Matrix:
+        """Take a moment's true motion in; the pose as known after it."""
+        noise = self._noise
+        way = float(T_before[:3, 0] @ (T_after - T_before)[:3, 3])
+        before, after = se3.to_xyz_rpy(np.stack([T_before, T_after]))
+        turn = float(np.angle(np.exp(1j * (after[5] - before[5]))))
+        spread, heading_spread = np.sqrt(abs(way)) * self._rng.normal(0.0, 1.0, 2)
+        known_way = self._translation_scale * way + noise.translation_walk * spread
+        known_turn = (
+            self._rotation_scale * turn
+            + self._heading_bias * way
+            + noise.heading_walk * heading_spread
+        )
+        decay = np.exp(-seconds / noise.tilt_time)
+        fresh = self._rng.normal(0.0, 1.0, 2) * noise.tilt_sigma
+        self._tilt_error = decay * self._tilt_error + np.sqrt(1.0 - decay**2) * fresh
+        tilt = after[3:5] + self._tilt_error
+        middle = self._yaw + 0.5 * known_turn
+        level = known_way * np.cos(tilt[1])
+        climb = -known_way * np.sin(tilt[1])
+        self._position += (level * np.cos(middle), level * np.sin(middle), climb)
+        self._yaw += known_turn
+        rotation = Rotation.from_euler("xyz", [*tilt, self._yaw])
+        self.T = se3.from_rotation(self._position, rotation)
+        return self.T

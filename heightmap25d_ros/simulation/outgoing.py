@@ -1,0 +1,139 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""ROS messages as the simulator says them, and how their topics are offered."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from math import pi
+from typing import Any
+
+import numpy as np
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.typesys import Stores, get_typestore
+
+from heightmap25d_ros import se3
+from heightmap25d_ros.simulation.lasers import (
+    ANGLE_INCREMENT,
+    RANGE_MAX,
+    RANGE_MIN,
+    TIME_INCREMENT,
+    Laser,
+    TakenScan,
+)
+
+Message = Any
+START_NS = 1_000_000_000_000_000_000
+STORE = get_typestore(Stores.ROS2_JAZZY)
+
+LASER_SCAN, ODOMETRY = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry"
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
+
+
+def _qos(depth: int, reliability: QosReliability, durability: QosDurability) -> Qos:
+    never = QosTime(9223372036, 854775807)
+    return Qos(QosHistory.KEEP_LAST, depth, reliability, durability, never, never,
+               QosLiveliness.AUTOMATIC, never, False)  # fmt: skip
+
+
+_SENSOR = _qos(5, QosReliability.BEST_EFFORT, QosDurability.VOLATILE)
+_DEFAULT = _qos(10, QosReliability.RELIABLE, QosDurability.VOLATILE)
+_LATCHED = _qos(1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL)
+
+
+def topics(mounted: Iterable[Laser]) -> dict[str, tuple[str, Qos]]:
+    """Topic -> message type and offered quality of service."""
+    return {
+        "/tf_static": (TRANSFORMS, _LATCHED),
+        "/tf": (TRANSFORMS, _DEFAULT),
+        "/odom": (ODOMETRY, _DEFAULT),
+        "/ground_truth": (ODOMETRY, _DEFAULT),
+        **{laser.topic: (LASER_SCAN, _SENSOR) for laser in mounted},
+    }
+
+
+def stamp_ns(seconds: float) -> int:
+    """Time since the start as a stamp."""
+    return START_NS + round(seconds * 1e9)
+
+
+def transforms(
+    seconds: float, parent: str, children: Iterable[tuple[str, se3.Matrix]]
+) -> Message:
+    """A TFMessage."""
+    return _message(
+        TRANSFORMS,
+        [
+            _message(
+                "geometry_msgs/msg/TransformStamped",
+                _header(seconds, parent),
+                child,
+                _message(
+                    "geometry_msgs/msg/Transform", _vector("Vector3", T[:3, 3]), _quaternion(T)
+                ),
+            )
+            for child, T in children
+        ],
+    )
+
+
+def odometry(
+    seconds: float, frame_id: str, T: se3.Matrix, twist: tuple[float, float]
+) -> Message:
+    """An Odometry of base_link; speed [m/s] and turn rate [rad/s] in base_link."""
+    pose = _message("geometry_msgs/msg/Pose", _vector("Point", T[:3, 3]), _quaternion(T))
+    motion = _message(
+        "geometry_msgs/msg/Twist",
+        _vector("Vector3", np.array([twist[0], 0.0, 0.0])),
+        _vector("Vector3", np.array([0.0, 0.0, twist[1]])),
+    )
+    return _message(
+        ODOMETRY,
+        _header(seconds, frame_id),
+        "base_link",
+        _message("geometry_msgs/msg/PoseWithCovariance", pose, np.zeros(36)),
+        _message("geometry_msgs/msg/TwistWithCovariance", motion, np.zeros(36)),
+    )
+
+
+def laser_scan(laser: Laser, scan: TakenScan) -> Message:
+    """A LaserScan."""
+    return _message(
+        LASER_SCAN,
+        _header(scan.start, laser.frame_id),
+        -pi / 2,
+        pi / 2,
+        ANGLE_INCREMENT,
+        TIME_INCREMENT,
+        1.0 / laser.rate,
+        RANGE_MIN,
+        RANGE_MAX,
+        scan.ranges.astype(np.float32),
+        np.empty(0, np.float32),
+    )
+
+
+def _message(name: str, *values: Any) -> Message:
+    return STORE.types[name](*values)
+
+
+def _header(seconds: float, frame_id: str) -> Message:
+    sec, nanosec = divmod(stamp_ns(seconds), 1_000_000_000)
+    stamp = _message("builtin_interfaces/msg/Time", sec, nanosec)
+    return _message("std_msgs/msg/Header", stamp, frame_id)
+
+
+def _vector(name: str, values: se3.Matrix) -> Message:
+    # Ten digits, so that the last bits of a machine's trigonometry do not change a bag.
+    return _message(f"geometry_msgs/msg/{name}", *map(float, values.round(10) + 0.0))
+
+
+def _quaternion(T: se3.Matrix) -> Message:
+    return _vector("Quaternion", se3.to_quaternion(T))

@@ -1,0 +1,112 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""One drive through a world as a rosbag2, with its truth beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+
+from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.simulation import indoor, lasers, outgoing, truth
+from heightmap25d_ros.simulation.drive import Driver
+from heightmap25d_ros.simulation.lasers import Laser
+from heightmap25d_ros.simulation.odometry import EXACT_ODOMETRY
+from heightmap25d_ros.simulation.simulation import NOISE_FREE, Event, Noise, Simulation
+from heightmap25d_ros.simulation.worlds import World
+
+BUILDERS = {**indoor.BUILDERS}
+_REST = 0.4
+_TIME_LIMIT = 600.0
+
+
+def world_of(name: str, seed: int) -> World:
+    """A world; its details vary with the seed.
+
+    Raises
+    ------
+    InputError
+        For an unknown name.
+    """
+    if name not in BUILDERS:
+        raise InputError(f"world {name!r} is not one of {', '.join(BUILDERS)}")
+    return BUILDERS[name](np.random.default_rng([seed, len(name)]))
+
+
+def record(
+    world: World,
+    seed: int,
+    directory: Path,
+    noise: Noise | None = None,
+    mounted: Sequence[Laser] = (lasers.LEVEL, lasers.DOWN),
+) -> dict[str, float]:
+    """Drive through a world once and write a bag and its truth; the same bytes every time.
+
+    Parameters
+    ----------
+    world : World
+    seed : int
+        Of the noise.
+    directory : Path
+        Of the bag; it must not exist.
+    noise : Noise, optional
+    mounted : sequence of Laser
+
+    Raises
+    ------
+    InputError
+        If the directory exists.
+    """
+    if directory.exists():
+        raise InputError(f"{directory}: exists already")
+    simulation = Simulation(world, seed, noise, mounted)
+    surface = truth.Surface(world)
+    events = [*simulation.begin(), *_drive(simulation, world, surface)]
+    directory.parent.mkdir(parents=True, exist_ok=True)
+    _write(directory, events, mounted)
+    surface.write(directory / "truth", seed, simulation.seconds)
+    return {"duration": simulation.seconds, "messages": len(events)}
+
+
+def noise_of(*, noise_free: bool, true_odometry: bool) -> Noise:
+    """The noise that options ask for."""
+    noise = NOISE_FREE if noise_free else Noise()
+    return replace(noise, odometry=EXACT_ODOMETRY) if true_odometry else noise
+
+
+def _drive(simulation: Simulation, world: World, surface: truth.Surface) -> list[Event]:
+    """From standing to standing; ends with a pose, so that poses bracket every scan."""
+    driver = Driver(world.way, world.speed)
+    events: list[Event] = []
+    stopped: float | None = None
+    while stopped is None or simulation.seconds < stopped + _REST or not simulation.is_at_pose:
+        is_resting = simulation.seconds < _REST
+        command = (0.0, 0.0) if is_resting else driver.command(simulation.robot.T)
+        events += simulation.step(*command)
+        surface.add(simulation)
+        if simulation.robot.is_blocked or simulation.seconds > _TIME_LIMIT:
+            x, y = simulation.robot.T[:2, 3]
+            raise RuntimeError(f"{world.name}: the drive is blocked at ({x:.2f}, {y:.2f})")
+        if driver.is_done and stopped is None:
+            stopped = simulation.seconds
+    return events
+
+
+def _write(directory: Path, events: list[Event], mounted: Sequence[Laser]) -> None:
+    writer = Writer(directory, version=9, storage_plugin=StoragePlugin.MCAP)
+    writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    topics = outgoing.topics(mounted)
+    with writer:
+        connections = {
+            topic: writer.add_connection(
+                topic, message_type, typestore=outgoing.STORE, offered_qos_profiles=[qos]
+            )
+            for topic, (message_type, qos) in topics.items()
+        }
+        for seconds, topic, message in sorted(events, key=lambda event: event.seconds):
+            data = outgoing.STORE.serialize_cdr(message, topics[topic][0])
+            writer.write(connections[topic], outgoing.stamp_ns(seconds), data)

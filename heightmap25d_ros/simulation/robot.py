@@ -1,0 +1,120 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A robot like the ATRV-Jr that follows the terrain: kinematic, not dynamic.
+
+Its four wheels stand on the surface below them; that gives height, roll and pitch. There is
+no slip, no mass and no suspension beyond the mean over a tyre's contact.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from heightmap25d_ros.simulation.scene import Array, Scene
+
+LENGTH, WIDTH, HEIGHT = 0.78, 0.64, 0.70
+"""[m]; up to the upper laser. The body alone is 0.55 m high."""
+
+MAX_STEP = 0.10
+"""Wheels climb at most this [m]."""
+
+CLEARANCE = 0.13
+"""What stands higher than this above the plane of the wheels meets the body [m]."""
+
+MAX_SPEED, MAX_TURN_RATE = 1.5, 1.5
+MAX_ACCELERATION, MAX_TURN_ACCELERATION = 1.0, 3.0
+"""[m/s], [rad/s], [m/s^2], [rad/s^2]"""
+
+_WHEELS = np.array([(x, y) for x in (-0.25, 0.25) for y in (-0.28, 0.28)])
+_CONTACT = np.linspace(-0.08, 0.08, 9)
+_TYRES = (_WHEELS[:, None, :] + np.stack([_CONTACT, np.zeros(9)], axis=-1)).reshape(-1, 2)
+_OUTLINE = np.array(
+    [(x, side * WIDTH / 2) for x in np.linspace(-LENGTH / 2, LENGTH / 2, 9) for side in (-1, 1)]
+    + [(side * LENGTH / 2, y) for y in np.linspace(-WIDTH / 2, WIDTH / 2, 7) for side in (-1, 1)]
+)
+
+
+class Robot:
+    """Where the robot is and how fast.
+
+    Parameters
+    ----------
+    scene : Scene
+        It starts at its origin, along x.
+
+    Attributes
+    ----------
+    T : (4, 4) float64 [m], map
+        Pose of base_link, on the plane of the wheels' contacts below the middle of the robot.
+    speed, turn_rate : float [m/s], [rad/s]
+    is_blocked : bool
+        Whether it stands since the last step would have been too high.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
+        self._xy, self._yaw = np.zeros(2), 0.0
+        self._contacts = np.zeros(4)
+        self.speed, self.turn_rate, self.is_blocked = 0.0, 0.0, False
+        self.T = np.eye(4)
+        tyres = self._tyres(self._xy, self._yaw)
+        self._settle(tyres.mean(axis=1))
+
+    def move(self, speed: float, turn_rate: float, seconds: float) -> None:
+        """Drive for a moment towards a commanded speed [m/s] and turn rate [rad/s]."""
+        speed = float(np.clip(speed, -MAX_SPEED, MAX_SPEED))
+        turn_rate = float(np.clip(turn_rate, -MAX_TURN_RATE, MAX_TURN_RATE))
+        change, turn_change = MAX_ACCELERATION * seconds, MAX_TURN_ACCELERATION * seconds
+        self.speed += float(np.clip(speed - self.speed, -change, change))
+        self.turn_rate += float(np.clip(turn_rate - self.turn_rate, -turn_change, turn_change))
+        if not (self.speed or self.turn_rate):
+            return
+        yaw = self._yaw + self.turn_rate * seconds
+        middle = 0.5 * (self._yaw + yaw)
+        level = float(np.hypot(self.T[0, 0], self.T[1, 0]))
+        way = self.speed * seconds * level * np.array([np.cos(middle), np.sin(middle)])
+        tyres = self._tyres(self._xy + way, yaw)
+        self.is_blocked = self._is_too_high(tyres, self._xy + way, yaw)
+        if self.is_blocked:
+            self.speed = self.turn_rate = 0.0
+            return
+        self._xy, self._yaw = self._xy + way, yaw
+        self._settle(tyres.mean(axis=1))
+
+    def _tyres(self, xy: Array, yaw: float) -> Array:
+        """(4, 9) [m]: height of the ground along each tyre's contact."""
+        return self._ground(_TYRES, xy, yaw).reshape(4, -1)
+
+    def _ground(self, points: Array, xy: Array, yaw: float) -> Array:
+        """(N,) [m]: surface at points of the robot; what it cannot go below counts."""
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        turned = points @ np.array([[cos, sin], [-sin, cos]]) + xy
+        return self._scene.heights(turned, below=self.T[2, 3] + HEIGHT)
+
+    def _is_too_high(self, tyres: Array, xy: Array, yaw: float) -> bool:
+        if not np.isfinite(tyres).all() or np.abs(np.diff(tyres, axis=1)).max() > MAX_STEP:
+            return True
+        contacts = tyres.mean(axis=1)
+        if np.abs(contacts - self._contacts).max() > MAX_STEP:
+            return True
+        ahead, aside = _slopes(contacts)
+        plane = contacts.mean() + _OUTLINE @ np.array([ahead, aside])
+        return bool((self._ground(_OUTLINE, xy, yaw) - plane).max() > CLEARANCE)
+
+    def _settle(self, contacts: Array) -> None:
+        """Let the plane of base_link lie on the contacts, least squares."""
+        self._contacts = contacts
+        ahead, aside = _slopes(contacts)
+        cos, sin = np.cos(self._yaw), np.sin(self._yaw)
+        forward = np.array([cos, sin, ahead])
+        up = np.cross(forward, np.array([-sin, cos, aside]))
+        self.T = np.eye(4)
+        self.T[:3, 0] = forward / np.linalg.norm(forward)
+        self.T[:3, 2] = up / np.linalg.norm(up)
+        self.T[:3, 1] = np.cross(self.T[:3, 2], self.T[:3, 0])
+        self.T[:3, 3] = (*self._xy, contacts.mean())
+
+
+def _slopes(contacts: Array) -> Array:
+    """Of the plane through the contacts, ahead and aside."""
+    return np.asarray(contacts @ _WHEELS / (_WHEELS**2).sum(axis=0))

@@ -1,0 +1,174 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""World, robot and sensors in steps of time; what they say as ROS messages.
+
+The map frame is where the robot starts: ground zero is its altitude there.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from heightmap25d_ros import se3
+from heightmap25d_ros.simulation import lasers, outgoing
+from heightmap25d_ros.simulation.lasers import (
+    EXACT_RANGES,
+    SCAN_DURATION,
+    Laser,
+    RangeNoise,
+    TakenScan,
+    beam_times,
+    take_scan,
+)
+from heightmap25d_ros.simulation.odometry import EXACT_ODOMETRY, Odometer, OdometryNoise
+from heightmap25d_ros.simulation.outgoing import Message
+from heightmap25d_ros.simulation.robot import Robot
+from heightmap25d_ros.simulation.worlds import World
+
+STEP = 0.005
+"""Of time [s]."""
+
+_ODOMETRY_STEPS = 4
+_HISTORY = 1 + round(3 * SCAN_DURATION / STEP)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Noise:
+    """All that errs."""
+
+    ranges: RangeNoise = field(default_factory=RangeNoise)
+    odometry: OdometryNoise = field(default_factory=OdometryNoise)
+
+
+NOISE_FREE = Noise(ranges=EXACT_RANGES, odometry=EXACT_ODOMETRY)
+
+
+class Event(NamedTuple):
+    """A message and when [s] it is there."""
+
+    seconds: float
+    topic: str
+    message: Message
+
+
+class Simulation:
+    """Everything, moved on by `step`.
+
+    Parameters
+    ----------
+    world : World
+    seed : int
+        Of the noise.
+    noise : Noise
+    mounted : sequence of Laser
+
+    Attributes
+    ----------
+    robot : Robot
+    seconds : float
+        Since the start.
+    scans : list of (Laser, TakenScan)
+        Those of the last step, with their truth.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        seed: int,
+        noise: Noise | None = None,
+        mounted: Sequence[Laser] = (lasers.LEVEL, lasers.DOWN),
+    ) -> None:
+        self._noise = noise or Noise()
+        self._scene = world.scene()
+        self._lasers = tuple(mounted)
+        streams = np.random.SeedSequence(seed).spawn(1 + len(self._lasers))
+        self._rngs = [np.random.default_rng(stream) for stream in streams]
+        self._odometer = Odometer(self._noise.odometry, self._rngs[0])
+        self._taken = [0] * len(self._lasers)
+        self._count = 0
+        self.robot = Robot(self._scene)
+        self.scans: list[tuple[Laser, TakenScan]] = []
+        self._poses = deque([self.robot.T], maxlen=_HISTORY)
+        self._T_at_odometry = self.robot.T
+
+    @property
+    def seconds(self) -> float:
+        """Time since the start."""
+        return self._count * STEP
+
+    @property
+    def is_at_pose(self) -> bool:
+        """Whether the last step told the pose."""
+        return self._count % _ODOMETRY_STEPS == 0
+
+    def begin(self) -> list[Event]:
+        """What is known before anything moves: the mounts and the first pose."""
+        fixed = [
+            (laser.frame_id, laser.T_base_sensor(np.zeros(1))[0])
+            for laser in self._lasers
+            if not laser.nod
+        ]
+        mounts = outgoing.transforms(0.0, "base_link", fixed)
+        return [Event(0.0, "/tf_static", mounts), *self._pose_events()]
+
+    def step(self, speed: float, turn_rate: float) -> list[Event]:
+        """Move on under a command [m/s], [rad/s]; what is there to be said then, in order."""
+        self._scene.set_time(self.seconds)
+        self.robot.move(speed, turn_rate, STEP)
+        self._count += 1
+        self._poses.append(self.robot.T)
+        events = self._take_scans()
+        if self.is_at_pose:
+            elapsed = STEP * _ODOMETRY_STEPS
+            self._odometer.advance(self._T_at_odometry, self.robot.T, elapsed)
+            self._T_at_odometry = self.robot.T
+            events += self._pose_events()
+        return sorted(events, key=lambda event: event.seconds)
+
+    def _pose_events(self) -> list[Event]:
+        seconds, robot = self.seconds, self.robot
+        twist = (robot.speed, robot.turn_rate)
+        known = self._odometer.T if self._noise.odometry != EXACT_ODOMETRY else robot.T
+        events = [
+            Event(seconds, "/odom", outgoing.odometry(seconds, "odom", known, twist)),
+            Event(seconds, "/ground_truth", outgoing.odometry(seconds, "map", robot.T, twist)),
+            Event(seconds, "/tf", outgoing.transforms(seconds, "odom", [("base_link", known)])),
+        ]
+        nodding = [
+            (laser.frame_id, laser.T_base_sensor(np.array([seconds]))[0])
+            for laser in self._lasers
+            if laser.nod
+        ]
+        if nodding:
+            nods = outgoing.transforms(seconds, "base_link", nodding)
+            events.append(Event(seconds, "/tf", nods))
+        return events
+
+    def _take_scans(self) -> list[Event]:
+        """The scans that came to their end in the last step."""
+        self.scans, events = [], []
+        for index, laser in enumerate(self._lasers):
+            start = laser.first_scan + self._taken[index] / laser.rate
+            if start + SCAN_DURATION > self.seconds:
+                continue
+            self._taken[index] += 1
+            poses = self._poses_at(beam_times(start))
+            scan = take_scan(
+                laser, self._scene, start, poses, self._noise.ranges, self._rngs[index + 1]
+            )
+            self.scans.append((laser, scan))
+            message = outgoing.laser_scan(laser, scan)
+            events.append(Event(start + SCAN_DURATION, laser.topic, message))
+        return events
+
+    def _poses_at(self, seconds: np.ndarray[tuple[int], np.dtype[np.float64]]) -> se3.Matrix:
+        """True poses (N, 4, 4) at times within the history."""
+        first = self._count - len(self._poses) + 1
+        stamps = np.rint((first + np.arange(len(self._poses))) * STEP * 1e9).astype(np.int64)
+        query = np.rint(seconds * 1e9).astype(np.int64)
+        return se3.interpolate(stamps, np.array(self._poses), query)

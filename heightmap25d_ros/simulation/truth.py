@@ -1,0 +1,156 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a map of a world is held against; shares no code with what makes maps."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heightmap25d_ros.simulation import goals
+from heightmap25d_ros.simulation.robot import HEIGHT
+from heightmap25d_ros.simulation.scene import Array
+from heightmap25d_ros.simulation.simulation import Simulation
+from heightmap25d_ros.simulation.worlds import World
+
+RESOLUTION = 0.125
+"""Of a cell [m]."""
+
+WINDOW = (-5.0, 1.5)
+"""Above base_link [m]: what the lasers meet outside of it does not count as seen."""
+
+_SAMPLES = 8
+_BORDER = 0.001
+
+
+class Surface:
+    """The surface of a world, and what of it a drive's lasers met.
+
+    Parameters
+    ----------
+    world : World
+    """
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        (x0, x1), (y0, y1) = world.area
+        self.origin = (x0, y0)
+        self.shape = (round((y1 - y0) / RESOLUTION), round((x1 - x0) / RESOLUTION))
+        self._seen = np.full(self.shape, -np.inf)
+        # Of things that move, where they were when met: they count if they still are there.
+        self._met: list[tuple[Array, NDArray[np.int32], float]] = []
+        self._way: list[Array] = []
+
+    def add(self, simulation: Simulation) -> None:
+        """What was met in the simulation's last step."""
+        if simulation.is_at_pose:
+            self._way.append(simulation.robot.T[:3, 3])
+        for _, scan in simulation.scans:
+            above = scan.ends[:, 2] - scan.base_z
+            with np.errstate(invalid="ignore"):
+                counts = (above >= WINDOW[0]) & (above <= WINDOW[1])
+            self._merge(scan.ends[counts & (scan.mover < 0)])
+            moving = counts & (scan.mover >= 0)
+            if moving.any():
+                self._met.append((scan.ends[moving], scan.mover[moving], scan.start))
+
+    def write(self, directory: Path, seed: int, seconds: float) -> None:
+        """Write ``surface.npz`` and ``goals.npz``; the world as it is at the end [s]."""
+        directory.mkdir(parents=True)
+        self._merge_what_stayed(seconds)
+        seen = np.where(np.isfinite(self._seen), self._seen, np.nan)
+        top, ground, clearance = self._heights(seconds)
+        top = np.fmax(top, seen)
+        np.savez_compressed(
+            directory / "surface.npz",
+            top=top.astype(np.float32),
+            seen=seen.astype(np.float32),
+            ground=ground.astype(np.float32),
+            clearance=clearance.astype(np.float32),
+            removed_at=self._removed(seconds).astype(np.float32),
+            resolution=np.float64(RESOLUTION),
+            origin=np.array(self.origin),
+            window=np.array(WINDOW),
+            seed=np.int64(seed),
+        )
+        chosen = goals.choose(
+            np.where(clearance < HEIGHT, np.inf, ground),
+            np.isfinite(seen),
+            self._cells(np.array(self._way)),
+            np.random.default_rng([seed, 7]),
+        )
+        np.savez_compressed(
+            directory / "goals.npz",
+            start=self._places(chosen.start, ground),
+            goal=self._places(chosen.goal, ground),
+            reachable=chosen.reachable,
+            observed=chosen.observed,
+            footprint_observed=chosen.footprint_observed,
+            radius=np.float64(goals.RADIUS),
+            max_step=np.float64(goals.MAX_STEP),
+            max_slope=np.float64(goals.MAX_SLOPE),
+        )
+
+    def _merge(self, points: Array) -> None:
+        """Raise cells to points (N, 3) [m]."""
+        cells = self._cells(points)
+        rows, columns = cells.T
+        inside = (rows >= 0) & (rows < self.shape[0]) & (columns >= 0) & (columns < self.shape[1])
+        np.maximum.at(self._seen, (rows[inside], columns[inside]), points[inside, 2])
+
+    def _merge_what_stayed(self, seconds: float) -> None:
+        movers = self._world.movers
+        for ends, index, start in self._met:
+            stays = [movers[i].center_at(start) == movers[i].center_at(seconds) for i in index]
+            self._merge(ends[np.array(stays)])
+
+    def _cells(self, points: Array) -> NDArray[np.int64]:
+        """(N, 2): row and column of points."""
+        offset = (points[:, 1::-1] - np.array(self.origin[::-1])) / RESOLUTION
+        return np.floor(offset).astype(np.int64)
+
+    def _places(self, cells: NDArray[np.int64], ground: Array) -> Array:
+        """(N, 3) [m], map: middles of cells (row, column), on the ground."""
+        middle = np.array(self.origin) + RESOLUTION * (cells[:, ::-1] + 0.5)
+        return np.column_stack([middle, ground[cells[:, 0], cells[:, 1]]])
+
+    def _heights(self, seconds: float) -> tuple[Array, Array, Array]:
+        """Top, ground below what is overhead, and clear height above that ground [m].
+
+        The highest of 8 x 8 points of each cell, the outermost 1 mm within its border: exact for
+        boxes wider than 2 cm, and within 1 cm on slopes of up to 60 degrees.
+        """
+        scene = self._world.scene()
+        scene.set_time(seconds)
+        fractions = np.linspace(_BORDER, RESOLUTION - _BORDER, _SAMPLES)
+        x = (self.origin[0] + RESOLUTION * np.arange(self.shape[1])[:, None] + fractions).ravel()
+        y = (self.origin[1] + RESOLUTION * np.arange(self.shape[0])[:, None] + fractions).ravel()
+        points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        top = scene.heights(points)
+        ground, clearance = top, np.full(len(points), np.inf)
+        if any(solid.is_overhead for solid in self._world.solids):
+            ground = scene.heights(points, with_overhead=False)
+            clearance = scene.undersides(points, ground) - ground
+        return self._over(top, np.max), self._over(ground, np.max), self._over(clearance, np.min)
+
+    def _over(self, samples: Array, extreme: np.ufunc) -> Array:
+        rows, columns = self.shape
+        by_cell = samples.reshape(rows, _SAMPLES, columns, _SAMPLES)
+        return np.asarray(extreme(by_cell, axis=(1, 3)))
+
+    def _removed(self, seconds: float) -> Array:
+        """(rows, columns) [s]: when a cell's mover was taken away; NaN: none was."""
+        removed = np.full(self.shape, np.nan)
+        times = np.arange(0.0, seconds, 0.02)
+        for mover in self._world.movers:
+            places = [mover.center_at(time) for time in times]
+            present = [place for place in places if place is not None]
+            if places[-1] is not None or len(set(present)) != 1:
+                continue
+            half = np.array(mover.solid.size[:2])
+            low = self._cells(np.array([[*(np.array(present[0][:2]) - half), 0.0]]))[0]
+            high = self._cells(np.array([[*(np.array(present[0][:2]) + half), 0.0]]))[0]
+            removed[low[0] : high[0] + 1, low[1] : high[1] + 1] = times[len(present)]
+        return removed

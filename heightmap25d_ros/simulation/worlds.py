@@ -1,0 +1,140 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a world is, and things to build one of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import cos, hypot, sin
+
+import numpy as np
+
+from heightmap25d_ros.simulation.scene import (
+    Array,
+    Mover,
+    Scene,
+    Solid,
+    Span,
+    Terrain,
+    box,
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class World:
+    """A place, and a drive through it that sees most of it.
+
+    The robot starts at the origin, on ground zero, along x.
+
+    Attributes
+    ----------
+    name : str
+    area : ((x, x), (y, y)) [m]
+        Of the truth, whole cells of 0.125 m.
+    way : (N, 2) float64 [m]
+        Corners of the drive's way, from the origin on.
+    solids, terrain, movers
+        As for `Scene`.
+    speed : float [m/s]
+        Of the drive.
+    """
+
+    name: str
+    area: tuple[Span, Span]
+    way: Array
+    solids: tuple[Solid, ...]
+    terrain: Terrain | None = None
+    movers: tuple[Mover, ...] = ()
+    speed: float = 1.0
+
+    def scene(self) -> Scene:
+        """The world for rays."""
+        return Scene(self.solids, self.terrain, self.movers)
+
+
+def walls(x: Span, y: Span, height: float, thickness: float = 0.2) -> list[Solid]:
+    """Four walls around a room, outside of its ranges [m]."""
+    z = (-0.5, height)
+    outer_x = (x[0] - thickness, x[1] + thickness)
+    return [
+        box((x[0] - thickness, x[0]), y, z),
+        box((x[1], x[1] + thickness), y, z),
+        box(outer_x, (y[0] - thickness, y[0]), z),
+        box(outer_x, (y[1], y[1] + thickness), z),
+    ]
+
+
+def floor(z: float = 0.0) -> Solid:
+    """Ground everywhere."""
+    return box((-60.0, 60.0), (-60.0, 60.0), (z - 1.0, z))
+
+
+def distance_to_way(way: Array, x: Array, y: Array) -> Array:
+    """Distance [m] of points from a polygonal way."""
+    nearest = np.full(np.broadcast(x, y).shape, np.inf)
+    for start, end in zip(way[:-1], way[1:], strict=True):
+        run = end - start
+        along = ((x - start[0]) * run[0] + (y - start[1]) * run[1]) / max(run @ run, 1e-9)
+        along = np.clip(along, 0.0, 1.0)
+        offset = np.hypot(x - start[0] - along * run[0], y - start[1] - along * run[1])
+        nearest = np.minimum(nearest, offset)
+    return nearest
+
+
+def scattered(
+    rng: np.random.Generator,
+    area: tuple[Span, Span],
+    taken: list[tuple[float, float, float]],
+    way: Array,
+    radii: Array,
+    clear: float = 0.75,
+) -> Iterator[tuple[float, float]]:
+    """Places for round things that touch neither the way nor what is already there.
+
+    Parameters
+    ----------
+    area : ((x, x), (y, y)) [m]
+    taken : list of x, y, radius [m]
+        Grows by the places given.
+    radii : (N,) float64 [m]
+    clear : float [m]
+        Of the way.
+    """
+    for radius in radii:
+        for _ in range(400):
+            x, y = (rng.uniform(low + radius, high - radius) for low, high in area)
+            is_free = all(hypot(x - u, y - v) > radius + r + 0.1 for u, v, r in taken)
+            if is_free and distance_to_way(way, np.array(x), np.array(y)) > radius + clear:
+                taken.append((x, y, float(radius)))
+                yield x, y
+                break
+
+
+def turned_box(
+    x: float, y: float, size: tuple[float, float], top: float, yaw: float, ground: float = 0.0
+) -> Solid:
+    """A box on the ground about a place, turned by a yaw [rad]."""
+    half_x, half_y = size[0] / 2, size[1] / 2
+    return box((x - half_x, x + half_x), (y - half_y, y + half_y), (ground - 0.3, ground + top),
+               yaw=yaw)  # fmt: skip
+
+
+def ring(center: tuple[float, float], radius: float, corners: int = 24) -> Array:
+    """A circle as corners of a way."""
+    angles = np.linspace(0.0, 2 * np.pi, corners + 1)
+    return np.array([(center[0] + radius * cos(a), center[1] + radius * sin(a)) for a in angles])
+
+
+def smooth(way: Array, radius: float = 1.0, corners: int = 6) -> Array:
+    """The way with its corners cut by curves."""
+    result = [way[0]]
+    for before, corner, after in zip(way[:-2], way[1:-1], way[2:], strict=True):
+        cut = min(radius, 0.45 * np.linalg.norm(corner - before),
+                  0.45 * np.linalg.norm(after - corner))  # fmt: skip
+        enter = corner + cut * (before - corner) / np.linalg.norm(before - corner)
+        leave = corner + cut * (after - corner) / np.linalg.norm(after - corner)
+        for t in np.linspace(0.0, 1.0, corners):
+            result.append((1 - t) ** 2 * enter + 2 * t * (1 - t) * corner + t**2 * leave)
+    result.append(way[-1])
+    return np.array(result)
