@@ -8,7 +8,7 @@ Read the modules in this order; imports point only upwards:
 2. ``grid``: the cells and their geometry.
 3. ``sensor``: a scan, its mount and the poses of the robot become beams.
 4. ``mapper``: the paper on one screen, beams into cells.
-5. ``traversability``: heights become transitions, obstacles and cost.
+5. ``terrain``, ``footprint``, ``traversability``: heights become transitions, obstacles and cost.
 6. ``messages``, ``transforms``, ``intake``: ROS messages become scans with poses.
 7. ``bag``, ``map_io``, ``evaluation``, ``render``: files in, files out.
 8. ``cli`` and ``nodes``: the same objects driven from a bag and from topics.
