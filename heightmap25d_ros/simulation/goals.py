@@ -63,7 +63,10 @@ def choose(height: Array, seen: Mask, driven: Cells, rng: np.random.Generator) -
     loose, _ = ndimage.label(narrow, _EVERYWHERE)
     apart = seen & np.isfinite(height) & (loose != loose[tuple(driven[0])])
     reachable = _drawn(np.argwhere(seen & (parts == main)), rng)
-    unreachable = _drawn(_inner(apart, narrow), rng)
+    # Free places first; those beside and on obstacles where there are too few.
+    unreachable = np.concatenate(
+        [_drawn(np.argwhere(apart & is_free), rng) for is_free in (narrow, ~narrow)]
+    )[:WANTED]
     goal = np.concatenate([reachable, unreachable])
     start = driven[rng.integers(0, len(driven), len(goal))]
     is_reachable = np.arange(len(goal)) < len(reachable)
@@ -114,12 +117,6 @@ def _slope(height: Array, radius: float) -> Array:
     along_x = ndimage.correlate(filled, weight, mode="nearest")
     along_y = ndimage.correlate(filled, weight.T, mode="nearest")
     return np.asarray(np.hypot(along_x, along_y))
-
-
-def _inner(apart: Mask, narrow: Mask) -> Cells:
-    """Unreachable cells: free ones that lie apart before those too close to an obstacle."""
-    free_ones = np.argwhere(apart & narrow)
-    return free_ones if len(free_ones) >= WANTED else np.argwhere(apart)
 
 
 def _drawn(cells: Cells, rng: np.random.Generator) -> Cells:
