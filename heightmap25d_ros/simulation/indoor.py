@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from heightmap25d_ros.simulation.scene import Mover, Solid, box, cylinder
+from heightmap25d_ros.simulation.scene import Mover, Solid, box, cylinder, ramp
 from heightmap25d_ros.simulation.worlds import (
     World,
     floor,

@@ -97,9 +97,9 @@ def _hills(
     rng: np.random.Generator, area: tuple[tuple[float, float], tuple[float, float]], way: Array
 ) -> Terrain:
     """Two sizes of hills and two ditches; gentler along the way, level where it starts."""
-    spacing, border = 0.1, 3.0
-    x = np.arange(area[0][0] - border, area[0][1] + border, spacing)[None, :]
-    y = np.arange(area[1][0] - border, area[1][1] + border, spacing)[:, None]
+    spacing, border = 0.125, 0.125
+    x = np.arange(area[0][0] - border, area[0][1] + 1.5 * border, spacing)[None, :]
+    y = np.arange(area[1][0] - border, area[1][1] + 1.5 * border, spacing)[:, None]
     shape = (y.size, x.size)
     large, small = (
         gaussian_filter(rng.normal(0.0, 1.0, shape), width / spacing) * width / spacing
@@ -135,42 +135,43 @@ def _ground(terrain: Terrain, x: float, y: float) -> float:
 def street(rng: np.random.Generator) -> World:
     """A road between pavements behind 15 cm kerbs, and a lowered kerb with a lip of 5 cm.
 
-    The drive climbs the lip, goes along the pavement past stairs that lead down, and down a
-    gentle slope back to the road. Posts and boxes stand about; buildings on the left.
+    The drive climbs the lip, goes along the pavement up to stairs that lead down, and beside
+    them down a gentle slope back to the road. Posts and boxes stand about; buildings on the left.
     """
     kerb, lip = 0.15, 0.05
     lane, house = 2.53, 8.06
     drive_in = (4.5 + rng.uniform(0.0, 1.0), 7.5 + rng.uniform(0.0, 1.0))
-    stairs = (11.5 + rng.uniform(0.0, 1.5), 0.0)
-    slope = (19.0 + rng.uniform(0.0, 1.0), 22.0)
+    slope = (18.5 + rng.uniform(0.0, 1.0), 21.5 + rng.uniform(0.0, 0.5))
+    middle_y, last = 5.35, 25.3
     pavement: list[Solid] = [
-        box((-8.0, drive_in[0]), (lane, house), (_DEEP, kerb)),
+        box((-3.4, drive_in[0]), (lane, house), (_DEEP, kerb)),
         box(drive_in, (lane + 1.6, house), (_DEEP, kerb)),
         _rise(drive_in, (lane, lane + 1.6), (lip, kerb)),
-        box((drive_in[1], stairs[0]), (lane, house), (_DEEP, kerb)),
-        box((stairs[0], slope[0]), (lane, house - 1.9), (_DEEP, kerb)),
-        ramp(slope, (lane, house), (kerb, 0.0), thickness=3.0),
-        *_stairs(stairs[0], slope[0], (house - 1.9, house), kerb),
+        box((drive_in[1], slope[0]), (lane, house), (_DEEP, kerb)),
+        ramp(slope, (lane, middle_y), (kerb, 0.0), thickness=3.0),
+        box((slope[1], last), (lane, middle_y), (_DEEP, 0.0)),
+        box((slope[0], last), (middle_y, middle_y + 0.15), (_DEEP, 0.6)),
+        *_stairs(slope[0], last, (middle_y + 0.15, house), kerb),
     ]
     solids = [
         floor(_DEEP),
-        box((-8.0, 30.0), (-2.47, lane), (_DEEP, 0.0)),
-        box((slope[1], 30.0), (lane, house), (_DEEP, 0.0)),
-        box((-8.0, 30.0), (-4.97, -2.47), (_DEEP, kerb)),
-        box((-8.0, 30.0), (house, house + 1.0), (_DEEP, 4.0)),
-        box((-8.0, 30.0), (-5.2, -4.97), (_DEEP, 1.2)),
-        box((25.3, 25.6), (-5.0, house), (_DEEP, 0.9)),
-        box((-3.4, -3.1), (-5.0, house), (_DEEP, 0.9)),
+        box((-3.4, last), (-2.47, lane), (_DEEP, 0.0)),
+        box((-3.4, last), (-4.97, -2.47), (_DEEP, kerb)),
+        box((-3.4, last), (house, house + 1.0), (_DEEP, 4.0)),
+        box((-3.4, last), (-5.2, -4.97), (_DEEP, 1.9)),
+        box((last, last + 0.25), (-5.2, house + 1.0), (_DEEP, 1.9)),
+        box((-3.4, -3.15), (-5.2, house + 1.0), (_DEEP, 1.9)),
         *pavement,
     ]
     middle = sum(drive_in) / 2
-    way = smooth(np.array([(0.0, 0.0), (middle - 0.3, 0.0), (middle + 0.1, 4.4),
-                           (slope[0], 4.4), (22.8, 4.0), (22.8, 0.0), (18.0, 0.0)]), 1.3)  # fmt: skip
+    way = smooth(np.array([(0.0, 0.0), (middle - 0.3, 0.0), (middle + 0.1, 5.0), (13.0, 6.5),
+                           (slope[0] - 0.9, 6.5), (slope[0] - 0.2, 3.9), (23.5, 3.9),
+                           (23.5, 0.0), (17.0, 0.0)]), 1.0)  # fmt: skip
     return World(
         name="street",
         area=((-3.5, 25.75), (-5.25, 8.5)),
         way=way,
-        solids=(*solids, *_street_furniture(rng, way, kerb, (lane, house), stairs[0])),
+        solids=(*solids, *_street_furniture(rng, way, kerb, (lane, house))),
     )
 
 
@@ -183,24 +184,19 @@ def _rise(x: tuple[float, float], y: tuple[float, float], z: tuple[float, float]
 
 
 def _stairs(x0: float, x1: float, y: tuple[float, float], top: float) -> list[Solid]:
-    """Down along x into a pit beside the pavement: steps of 17 cm, each 30 cm deep."""
+    """Down along x: six steps of 15 cm, each 40 cm deep, and a landing."""
     steps = [
-        box((x0 + 0.3 * i, x0 + 0.3 * (i + 1)), y, (_DEEP, top - 0.17 * (i + 1))) for i in range(8)
+        box((x0 + 0.4 * i, x0 + 0.4 * (i + 1)), y, (_DEEP, top - 0.15 * (i + 1))) for i in range(6)
     ]
-    bottom = box((x0 + 2.4, x0 + 4.2), y, (_DEEP, top - 0.17 * 8))
-    return [*steps, bottom, box((x0 + 4.2, x1), y, (_DEEP, top))]
+    return [*steps, box((x0 + 2.4, x1), y, (_DEEP, top - 0.15 * 6))]
 
 
 def _street_furniture(
-    rng: np.random.Generator,
-    way: Array,
-    kerb: float,
-    pavement: tuple[float, float],
-    stairs: float,
+    rng: np.random.Generator, way: Array, kerb: float, pavement: tuple[float, float]
 ) -> list[Solid]:
     """Posts on the pavement, boxes on the road."""
-    taken = [(stairs + 2.1, pavement[1] - 0.9, 2.4)]
-    area = ((-2.5, 18.5), (pavement[0] + 0.2, pavement[1]))
+    taken: list[tuple[float, float, float]] = []
+    area = ((-2.5, 18.0), (pavement[0] + 0.2, pavement[1]))
     posts = scattered(rng, area, taken, way, np.full(8, 0.09))
     solids = [cylinder(x, y, 0.09, (_DEEP, kerb + 1.1)) for x, y in posts]
     sizes = rng.uniform(0.35, 0.8, (6, 2))

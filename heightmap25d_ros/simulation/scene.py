@@ -22,7 +22,7 @@ except ImportError as error:
 Array = NDArray[np.float64]
 
 _HIDDEN = (0.0, 0.0, -1e4)
-_TERRAIN_TILE = 16
+_TERRAIN_TILE = 24
 _OVERHEAD_GROUP = 1
 _OPEN_SKY = 1e3
 
