@@ -94,8 +94,8 @@ def mapping_node(
 ) -> Iterator[subprocess.Popen[str]]:
     """The node's process; ends it with Ctrl-C, and it must end well."""
     process = start(
-        "nodes.mapping", "--ros-args", "-p", f"mapping.map_directory:={directory}",
-        "-r", f"__ns:={namespace}", *arguments, stderr=subprocess.PIPE,
+        "nodes.mapping", "--ros-args", *arguments, "-r", f"__ns:={namespace}",
+        "-p", f"mapping.map_directory:={directory}", stderr=subprocess.PIPE,
     )  # fmt: skip
     try:
         yield process
