@@ -173,8 +173,8 @@ class TiledArray:
 
     def read(self, area: Area) -> NDArray[Any]:
         """Dense copy (rows, columns) of an area; zeros outside of the array."""
-        tiles_y = slice(max(area.iy // TILE, 0), -(-(area.iy + area.rows) // TILE))
-        tiles_x = slice(max(area.ix // TILE, 0), -(-(area.ix + area.columns) // TILE))
+        tiles_y = slice(max(area.iy // TILE, 0), max(-(-(area.iy + area.rows) // TILE), 0))
+        tiles_x = slice(max(area.ix // TILE, 0), max(-(-(area.ix + area.columns) // TILE), 0))
         block = self.cells[tiles_y, tiles_x]
         rows, columns = block.shape[0] * TILE, block.shape[1] * TILE
         dense = block.transpose(0, 2, 1, 3).reshape(rows, columns)
