@@ -31,7 +31,10 @@ setup(
         shared("launch"),
         shared("rviz"),
     ],
-    extras_require={"test": ["pytest"]},  # has colcon test run pytest
+    extras_require={
+        "simulation": ["mujoco >= 3.5, < 4"],
+        "test": ["pytest"],  # has colcon test run pytest
+    },
     python_requires=">=3.10",
     zip_safe=True,
     entry_points={
@@ -39,6 +42,7 @@ setup(
             "heightmap25d = heightmap25d_ros.cli:main",
             "mapping = heightmap25d_ros.nodes.mapping:main",
             "replay = heightmap25d_ros.nodes.replay:main",
+            "simulator = heightmap25d_ros.nodes.simulator:main",
         ],
     },
 )

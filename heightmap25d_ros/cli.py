@@ -81,6 +81,19 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--truth", type=Path, required=True, metavar="FILE",
                          help="the world's surface, as bags/ramp/truth/surface.npz")  # fmt: skip
 
+    command = _command(commands, "simulate", _simulate, "a bag of a simulated drive, and its truth")
+    command.add_argument("world", metavar="WORLD",
+                         help="ramp, room, rough, street, arch, garage or moving")  # fmt: skip
+    command.add_argument("--seed", type=int, default=1, metavar="N",
+                         help="of the world's details and of the noise (default: 1)")  # fmt: skip
+    command.add_argument("-o", "--output", type=Path, required=True, metavar="BAG",
+                         help="rosbag2 directory to write, with truth/ in it")  # fmt: skip
+    command.add_argument("--scan-rate", type=float, default=37.5, metavar="HZ",
+                         help="scans of each laser, at most 75 (default: 37.5)")  # fmt: skip
+    command.add_argument("--nodding", action="store_true", help="a third laser, which nods")
+    command.add_argument("--true-odometry", action="store_true", help="/odom without errors")
+    command.add_argument("--noise-free", action="store_true", help="nothing errs")
+
     command = _command(commands, "info", _info, "what is in a bag or a map directory")
     command.add_argument("path", type=Path, metavar="BAG|DIR")
     return parser
@@ -211,6 +224,22 @@ def _evaluate(options: argparse.Namespace) -> dict[str, Any]:
     return evaluation.evaluate(
         height_map, settings.traversability, evaluation.read_truth(options.truth)
     ).as_dict()
+
+
+def _simulate(options: argparse.Namespace) -> dict[str, Any]:
+    """Record a drive through a simulated world, and the truth; the same seed, the same bytes."""
+    from heightmap25d_ros.simulation import recording  # noqa: PLC0415 - needs MuJoCo
+
+    return recording.simulate(
+        options.world,
+        options.seed,
+        options.output,
+        scan_rate=options.scan_rate,
+        has_nodding=options.nodding,
+        noise=recording.noise_of(
+            noise_free=options.noise_free, true_odometry=options.true_odometry
+        ),
+    )
 
 
 def _info(options: argparse.Namespace) -> dict[str, Any]:

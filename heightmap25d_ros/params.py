@@ -211,6 +211,21 @@ class MappingParams(_Section):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SimulatorParams(_Section):
+    """The simulator node."""
+
+    world: str = _parameter(
+        "room", "where the robot is",
+        choices=("ramp", "room", "rough", "street", "arch", "garage", "moving"),
+    )  # fmt: skip
+    seed: int = _parameter(1, "of the world's details and of the noise, from 0 on")
+    rate: float = _parameter(1.0, "times real time, where the machine can", low=0.01, high=100.0)
+    scan_rate: float = _parameter(37.5, "scans of each laser", "Hz", low=0.1, high=75.0)
+    nodding: bool = _parameter(False, "whether there is a third laser, which nods")
+    true_odometry: bool = _parameter(False, "whether odom is without errors")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Params:
     """All sections together."""
 
@@ -220,6 +235,7 @@ class Params:
     traversability: TraversabilityParams = field(default_factory=TraversabilityParams)
     intake: IntakeParams = field(default_factory=IntakeParams)
     mapping: MappingParams = field(default_factory=MappingParams)
+    simulator: SimulatorParams = field(default_factory=SimulatorParams)
 
 
 def specs(section: Any) -> Iterator[tuple[str, Spec, Value]]:

@@ -84,13 +84,15 @@ install_packages() { # makes .venv anew
 for name in ("numpy", "empy"):
     print(f"{name}=={version(name)}")' >> .venv/pins.txt
       env --unset=PYTHONPATH .venv/bin/pip install -qq --constraint .venv/pins.txt \
-        --requirement requirements/runtime.txt --requirement requirements/dev.txt
+        --requirement requirements/runtime.txt --requirement requirements/simulation.txt \
+        --requirement requirements/dev.txt
       ;;
     pypi)
       "$python" -m venv .venv
       cp requirements/pins.txt .venv/pins.txt
       .venv/bin/pip install -qq --constraint .venv/pins.txt --requirement requirements/runtime.txt \
-        --requirement requirements/dev.txt --requirement requirements/ros.txt
+        --requirement requirements/simulation.txt --requirement requirements/dev.txt \
+        --requirement requirements/ros.txt
       make_ros_prefix
       ;;
   esac

@@ -17,9 +17,9 @@ from catkin_pkg.package import Package, parse_package
 
 ROOT = Path(__file__).resolve().parent.parent
 NAME = "heightmap25d_ros"
-EXECUTABLES = {"heightmap25d", "mapping", "replay"}
+EXECUTABLES = {"heightmap25d", "mapping", "replay", "simulator"}
 
-# A module imports only modules before it; those of nodes/ also one another.
+# A module imports only modules before it; those of nodes/ and simulation/ also one another.
 ORDER = [
     "errors", "se3", "params", "parameter_file",
     "grid", "sensor",

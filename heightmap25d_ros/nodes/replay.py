@@ -90,12 +90,12 @@ class Player:
         self._clock = node.create_publisher(Clock, "/clock", _DEPTH)
         for name in topics:
             topic = bag.topics[name]
-            message_class = _installed(topic.message_type)
-            if message_class is None:
+            kind = message_class(topic.message_type)
+            if kind is None:
                 self.skipped.append(f"{name} ({topic.message_type})")
                 continue
             profile = profile_of(name, topic.profiles)
-            self.publishers[name] = node.create_publisher(message_class, name, profile)
+            self.publishers[name] = node.create_publisher(kind, name, profile)
 
     def wait_for_subscribers(self, seconds: float) -> list[str]:
         """Wait until no more come, at most so long; the topics that nobody listens to."""
@@ -159,7 +159,7 @@ class Player:
         self.count += 1
 
 
-def _installed(message_type: str) -> Any:
+def message_class(message_type: str) -> Any:
     """Class of a type like ``sensor_msgs/msg/LaserScan``, or None."""
     package, _, name = message_type.split("/")
     try:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from heightmap25d_ros.simulation.scene import Mover, Solid, box, cylinder, ramp
+from heightmap25d_ros.simulation.scene import Array, Mover, Solid, box, cylinder, ramp
 from heightmap25d_ros.simulation.worlds import (
     World,
     floor,
@@ -19,7 +19,7 @@ from heightmap25d_ros.simulation.worlds import (
 _GATES = ((0.45, 0.80, 2.30), (0.65, 1.20, 1.80), (1.00, 0.55, 1.60))
 """Clear heights of the gates of each wall [m]."""
 
-_GATE_WIDTH = 1.5
+_GATE_WIDTH = 1.9
 _PERSON_LEAVES = 20.0
 
 
@@ -140,7 +140,7 @@ def arch(rng: np.random.Generator) -> World:
     corners = [(0.0, 0.0)]
     for wall_x, heights in zip((3.53, 8.03, 12.53), _GATES, strict=True):
         order = rng.permutation(len(heights))
-        middles = np.linspace(y[0] + 1.35, y[1] - 1.35, len(heights))
+        middles = np.linspace(y[0] + 1.3, y[1] - 1.3, len(heights))
         solids += _gates(wall_x, middles, [heights[i] for i in order], y)
         through = middles[int(np.argmax([heights[i] for i in order]))]
         corners += [(wall_x - 1.5, through), (wall_x + 1.8, through)]
@@ -148,10 +148,7 @@ def arch(rng: np.random.Generator) -> World:
     return World(name="arch", area=((-2.5, 17.5), (-4.5, 4.5)), way=way, solids=tuple(solids))
 
 
-def _gates(
-    x: float, middles: np.ndarray[tuple[int], np.dtype[np.float64]], heights: list[float],
-    y: tuple[float, float],
-) -> list[Solid]:
+def _gates(x: float, middles: Array, heights: list[float], y: tuple[float, float]) -> list[Solid]:
     """A wall with a gate at each middle: complete between them, lintels above them."""
     solids, at = [], y[0]
     for middle, clear in zip(middles, heights, strict=True):
@@ -177,7 +174,7 @@ def garage(rng: np.random.Generator) -> World:
         box((head, deck_x[1]), lane_y, (rise - slab, rise), is_overhead=True),
         ramp((foot, head), lane_y, (0.0, rise), thickness=slab),
         box((foot + 3.0, head), (deck_y[0] - 0.12, deck_y[0] + 0.08), (0.0, rise + 0.7)),
-        box((foot, head + 4.5), (lane_y[0] - 0.2, lane_y[0]), (0.0, rise + 0.7)),
+        box((deck_x[0] - 0.2, deck_x[1]), (lane_y[0] - 0.2, lane_y[0]), (-0.5, rise + 0.7)),
         *_parapet(deck_x, deck_y, rise, lane_y[0]),
     ]
     pillars = [(x, y) for x in np.arange(1.0, head + 3.0, 4.5) for y in (3.6, 6.9)]
@@ -193,7 +190,7 @@ def garage(rng: np.random.Generator) -> World:
         for x, y in places
     ]
     return World(name="garage", area=((-2.5, 22.0), (-2.0, 9.5)), way=way, solids=tuple(solids),
-                 speed=1.2)  # fmt: skip
+                 speed=1.4)  # fmt: skip
 
 
 def _parapet(

@@ -116,7 +116,7 @@ class TakenScan:
 
 def beam_times(start: float) -> Array:
     """(361,) [s]: when each beam of a scan is taken."""
-    return start + TIME_INCREMENT * np.arange(BEAMS)
+    return np.asarray(start + TIME_INCREMENT * np.arange(BEAMS), np.float64)
 
 
 def take_scan(

@@ -86,9 +86,7 @@ def rough(rng: np.random.Generator) -> World:
         flat = radius * rng.uniform(0.5, 0.9)
         center = (x, y, _ground(terrain, x, y) + 0.2 * flat)
         size = (float(radius), float(radius * rng.uniform(0.6, 1.0)), float(flat))
-        solids.append(
-            Solid(kind="ellipsoid", center=center, size=size, yaw=rng.uniform(0.0, 3.1))
-        )
+        solids.append(Solid(kind="ellipsoid", center=center, size=size, yaw=rng.uniform(0.0, 3.1)))
     return World(name="rough", area=area, way=way, solids=tuple(solids), terrain=terrain,
                  speed=0.9)  # fmt: skip
 

@@ -64,9 +64,7 @@ def stamp_ns(seconds: float) -> int:
     return START_NS + round(seconds * 1e9)
 
 
-def transforms(
-    seconds: float, parent: str, children: Iterable[tuple[str, se3.Matrix]]
-) -> Message:
+def transforms(seconds: float, parent: str, children: Iterable[tuple[str, se3.Matrix]]) -> Message:
     """A TFMessage."""
     return _message(
         TRANSFORMS,
@@ -84,9 +82,7 @@ def transforms(
     )
 
 
-def odometry(
-    seconds: float, frame_id: str, T: se3.Matrix, twist: tuple[float, float]
-) -> Message:
+def odometry(seconds: float, frame_id: str, T: se3.Matrix, twist: tuple[float, float]) -> Message:
     """An Odometry of base_link; speed [m/s] and turn rate [rad/s] in base_link."""
     pose = _message("geometry_msgs/msg/Pose", _vector("Point", T[:3, 3]), _quaternion(T))
     motion = _message(

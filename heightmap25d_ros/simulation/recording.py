@@ -7,14 +7,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.simulation import indoor, lasers, outdoor, outgoing, truth
+from heightmap25d_ros.simulation import indoor, outdoor, outgoing, truth
 from heightmap25d_ros.simulation.drive import Driver
-from heightmap25d_ros.simulation.lasers import Laser
+from heightmap25d_ros.simulation.lasers import DOWN, LEVEL, NODDING, SCAN_DURATION, Laser
 from heightmap25d_ros.simulation.odometry import EXACT_ODOMETRY
 from heightmap25d_ros.simulation.simulation import NOISE_FREE, Event, Noise, Simulation
 from heightmap25d_ros.simulation.worlds import World
@@ -30,46 +31,79 @@ def world_of(name: str, seed: int) -> World:
     Raises
     ------
     InputError
-        For an unknown name.
+        For an unknown name or a negative seed.
     """
     if name not in BUILDERS:
         raise InputError(f"world {name!r} is not one of {', '.join(BUILDERS)}")
+    if seed < 0:
+        raise InputError(f"seed {seed}: is negative")
     return BUILDERS[name](np.random.default_rng([seed, len(name)]))
 
 
-def record(
-    world: World,
+def simulate(
+    name: str,
     seed: int,
     directory: Path,
+    *,
+    scan_rate: float = LEVEL.rate,
+    has_nodding: bool = False,
     noise: Noise | None = None,
-    mounted: Sequence[Laser] = (lasers.LEVEL, lasers.DOWN),
-) -> dict[str, float]:
-    """Drive through a world once and write a bag and its truth; the same bytes every time.
+) -> dict[str, Any]:
+    """Drive through a world once; write a bag and its truth, the same bytes every time.
 
     Parameters
     ----------
-    world : World
+    name : str
+        Of the world.
     seed : int
-        Of the noise.
+        Of the world's details and of the noise.
     directory : Path
         Of the bag; it must not exist.
+    scan_rate : float [Hz]
+    has_nodding : bool
+        Whether there is a third laser, which nods.
     noise : Noise, optional
-    mounted : sequence of Laser
+
+    Returns
+    -------
+    dict
+        Figures about the recording.
 
     Raises
     ------
     InputError
-        If the directory exists.
+        If the directory exists, or for an unknown world, a negative seed, a rate out of range.
     """
     if directory.exists():
         raise InputError(f"{directory}: exists already")
+    world, mounted = world_of(name, seed), mounted_lasers(scan_rate, has_nodding=has_nodding)
     simulation = Simulation(world, seed, noise, mounted)
     surface = truth.Surface(world)
     events = [*simulation.begin(), *_drive(simulation, world, surface)]
     directory.parent.mkdir(parents=True, exist_ok=True)
     _write(directory, events, mounted)
     surface.write(directory / "truth", seed, simulation.seconds)
-    return {"duration": simulation.seconds, "messages": len(events)}
+    return {
+        "bag": str(directory),
+        "world": name,
+        "seed": seed,
+        "duration [s]": round(simulation.seconds, 3),
+        "messages": len(events),
+    }
+
+
+def mounted_lasers(scan_rate: float, *, has_nodding: bool) -> tuple[Laser, ...]:
+    """The level laser, the one that looks down, and a nodding one where it is wanted.
+
+    Raises
+    ------
+    InputError
+        If the rate is not one that the lasers have.
+    """
+    if not 0.1 <= scan_rate <= 1.0 / SCAN_DURATION:
+        raise InputError(f"scan rate {scan_rate:g}: is not within 0.1 .. {1 / SCAN_DURATION:g}")
+    mounted = (LEVEL, DOWN, NODDING) if has_nodding else (LEVEL, DOWN)
+    return tuple(replace(laser, rate=scan_rate) for laser in mounted)
 
 
 def noise_of(*, noise_free: bool, true_odometry: bool) -> Noise:

@@ -28,6 +28,7 @@ from heightmap25d_ros.simulation.lasers import (
 from heightmap25d_ros.simulation.odometry import EXACT_ODOMETRY, Odometer, OdometryNoise
 from heightmap25d_ros.simulation.outgoing import Message
 from heightmap25d_ros.simulation.robot import Robot
+from heightmap25d_ros.simulation.scene import Array
 from heightmap25d_ros.simulation.worlds import World
 
 STEP = 0.005
@@ -166,7 +167,7 @@ class Simulation:
             events.append(Event(start + SCAN_DURATION, laser.topic, message))
         return events
 
-    def _poses_at(self, seconds: np.ndarray[tuple[int], np.dtype[np.float64]]) -> se3.Matrix:
+    def _poses_at(self, seconds: Array) -> se3.Matrix:
         """True poses (N, 4, 4) at times within the history."""
         first = self._count - len(self._poses) + 1
         stamps = np.rint((first + np.arange(len(self._poses))) * STEP * 1e9).astype(np.int64)

@@ -109,7 +109,7 @@ class Surface:
     def _cells(self, points: Array) -> NDArray[np.int64]:
         """(N, 2): row and column of points."""
         offset = (points[:, 1::-1] - np.array(self.origin[::-1])) / RESOLUTION
-        return np.floor(offset).astype(np.int64)
+        return np.asarray(np.floor(offset), np.int64)
 
     def _places(self, cells: NDArray[np.int64], ground: Array) -> Array:
         """(N, 3) [m], map: middles of cells (row, column), on the ground."""
@@ -133,12 +133,16 @@ class Surface:
         if any(solid.is_overhead for solid in self._world.solids):
             ground = scene.heights(points, with_overhead=False)
             clearance = scene.undersides(points, ground) - ground
-        return self._over(top, np.max), self._over(ground, np.max), self._over(clearance, np.min)
+        return (
+            self._over(top, np.maximum),
+            self._over(ground, np.maximum),
+            self._over(clearance, np.minimum),
+        )
 
     def _over(self, samples: Array, extreme: np.ufunc) -> Array:
         rows, columns = self.shape
         by_cell = samples.reshape(rows, _SAMPLES, columns, _SAMPLES)
-        return np.asarray(extreme(by_cell, axis=(1, 3)))
+        return np.asarray(extreme.reduce(by_cell, axis=(1, 3)))
 
     def _removed(self, seconds: float) -> Array:
         """(rows, columns) [s]: when a cell's mover was taken away; NaN: none was."""

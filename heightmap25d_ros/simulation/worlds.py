@@ -6,7 +6,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import cos, hypot, sin
+from itertools import pairwise
+from math import hypot
 
 import numpy as np
 
@@ -73,7 +74,7 @@ def floor(z: float = 0.0) -> Solid:
 def distance_to_way(way: Array, x: Array, y: Array) -> Array:
     """Distance [m] of points from a polygonal way."""
     nearest = np.full(np.broadcast(x, y).shape, np.inf)
-    for start, end in zip(way[:-1], way[1:], strict=True):
+    for start, end in pairwise(way):
         run = end - start
         along = ((x - start[0]) * run[0] + (y - start[1]) * run[1]) / max(run @ run, 1e-9)
         along = np.clip(along, 0.0, 1.0)
@@ -118,12 +119,6 @@ def turned_box(
     half_x, half_y = size[0] / 2, size[1] / 2
     return box((x - half_x, x + half_x), (y - half_y, y + half_y), (ground - 0.3, ground + top),
                yaw=yaw)  # fmt: skip
-
-
-def ring(center: tuple[float, float], radius: float, corners: int = 24) -> Array:
-    """A circle as corners of a way."""
-    angles = np.linspace(0.0, 2 * np.pi, corners + 1)
-    return np.array([(center[0] + radius * cos(a), center[1] + radius * sin(a)) for a in angles])
 
 
 def smooth(way: Array, radius: float = 1.0, corners: int = 6) -> Array:
