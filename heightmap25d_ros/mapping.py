@@ -51,7 +51,7 @@ class Mapping:
     ----------
     grid : HeightGrid
     merged : Counter of str
-        Scans, returns, clipped and lost returns.
+        Scans and returns.
     stamp_ns : int [ns]
         Of the newest scan merged; 0 before the first.
     """
@@ -62,6 +62,7 @@ class Mapping:
         self._params = params
         self._intake = ScanIntake(params.intake)
         self._malformed: Counter[str] = Counter()
+        self._lost: Counter[str] = Counter()
         self.clear()
 
     def clear(self, content: HeightMap | None = None) -> None:
@@ -86,8 +87,8 @@ class Mapping:
 
     @property
     def dropped(self) -> Counter[str]:
-        """How many messages were not used, by reason."""
-        return self._malformed + self._intake.dropped
+        """How many messages and returns were not used, or not as they came, by reason."""
+        return self._malformed + self._intake.dropped + self._lost
 
     def take_scan(self, topic: str, message: Any) -> list[Reading]:
         """Take a sensor_msgs/LaserScan of one of ``intake.scan_topics`` in."""
@@ -149,7 +150,11 @@ class Mapping:
             )
             self.merged["scans"] += 1
             self.merged["returns"] += result.hits
-            self.merged["returns clipped to +-327 m"] += result.clipped
-            self.merged["returns beyond grid.extent"] += result.outside
+            self._lost += Counter(
+                {
+                    "return: height clipped to +-327 m": result.clipped,
+                    "return: beyond grid.extent": result.outside,
+                }
+            )
             self.stamp_ns = max(self.stamp_ns, reading.scan.stamp_ns)
         return readings
