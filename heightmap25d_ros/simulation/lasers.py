@@ -150,7 +150,7 @@ def measured(ranges: Array, noise: RangeNoise, rng: np.random.Generator) -> Arra
     """Measured ranges (N,) [m] of true ones; infinite where nothing returns."""
     result = _mixed(ranges, noise, rng) + rng.normal(0.0, 1.0, len(ranges)) * noise.sigma
     is_short = rng.random(len(ranges)) < noise.short
-    shortened = rng.uniform(RANGE_MIN, np.minimum(ranges, RANGE_MAX))
+    shortened = rng.uniform(RANGE_MIN, np.clip(ranges, RANGE_MIN, RANGE_MAX))
     result = np.where(is_short, shortened, result)
     if noise.step:
         result = np.rint(result / noise.step) * noise.step

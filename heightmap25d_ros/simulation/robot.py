@@ -29,8 +29,8 @@ _WHEELS = np.array([(x, y) for x in (-0.25, 0.25) for y in (-0.28, 0.28)])
 _CONTACT = np.linspace(-0.08, 0.08, 9)
 _TYRES = (_WHEELS[:, None, :] + np.stack([_CONTACT, np.zeros(9)], axis=-1)).reshape(-1, 2)
 _OUTLINE = np.array(
-    [(x, side * WIDTH / 2) for x in np.linspace(-LENGTH / 2, LENGTH / 2, 9) for side in (-1, 1)]
-    + [(side * LENGTH / 2, y) for y in np.linspace(-WIDTH / 2, WIDTH / 2, 7) for side in (-1, 1)]
+    [(x, side * WIDTH / 2) for x in np.linspace(-LENGTH / 2, LENGTH / 2, 13) for side in (-1, 1)]
+    + [(side * LENGTH / 2, y) for y in np.linspace(-WIDTH / 2, WIDTH / 2, 15) for side in (-1, 1)]
 )
 
 
@@ -87,9 +87,15 @@ class Robot:
 
     def _ground(self, points: Array, xy: Array, yaw: float) -> Array:
         """(N,) [m]: surface at points of the robot; what it cannot go below counts."""
-        cos, sin = np.cos(yaw), np.sin(yaw)
-        turned = points @ np.array([[cos, sin], [-sin, cos]]) + xy
-        return self._scene.heights(turned, below=self.T[2, 3] + HEIGHT)
+        return self._scene.heights(_placed(points, xy, yaw), below=self.T[2, 3] + HEIGHT)
+
+    def _around(self, xy: Array, yaw: float) -> Array:
+        """(N,) [m]: surface along the outline, with solids that are taller than the robot."""
+        points = _placed(_OUTLINE, xy, yaw)
+        limit = self.T[2, 3] + HEIGHT
+        solid = self._scene.heights(points, with_overhead=False)
+        # Rays that begin inside of a solid do not see it.
+        return np.where(solid > limit, solid, self._scene.heights(points, below=limit))
 
     def _is_too_high(self, tyres: Array, xy: Array, yaw: float) -> bool:
         if not np.isfinite(tyres).all() or np.abs(np.diff(tyres, axis=1)).max() > MAX_STEP:
@@ -99,7 +105,7 @@ class Robot:
             return True
         ahead, aside = _slopes(contacts)
         plane = contacts.mean() + _OUTLINE @ np.array([ahead, aside])
-        return bool((self._ground(_OUTLINE, xy, yaw) - plane).max() > CLEARANCE)
+        return bool((self._around(xy, yaw) - plane).max() > CLEARANCE)
 
     def _settle(self, contacts: Array) -> None:
         """Let the plane of base_link lie on the contacts, least squares."""
@@ -113,6 +119,12 @@ class Robot:
         self.T[:3, 2] = up / np.linalg.norm(up)
         self.T[:3, 1] = np.cross(self.T[:3, 2], self.T[:3, 0])
         self.T[:3, 3] = (*self._xy, contacts.mean())
+
+
+def _placed(points: Array, xy: Array, yaw: float) -> Array:
+    """Points (N, 2) of the robot in the map."""
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    return np.asarray(points @ np.array([[cos, sin], [-sin, cos]]) + xy)
 
 
 def _slopes(contacts: Array) -> Array:
