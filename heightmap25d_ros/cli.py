@@ -15,7 +15,17 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from heightmap25d_ros import evaluation, map_io, parameter_file, params, render, se3
+from heightmap25d_ros import (
+    evaluation,
+    map_io,
+    messages,
+    parameter_file,
+    params,
+    reachability,
+    render,
+    se3,
+    trajectory_error,
+)
 from heightmap25d_ros.bag import Bag
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid import HEIGHT_RESOLUTION, HeightMap
@@ -25,6 +35,7 @@ from heightmap25d_ros.params import MapperParams, Params
 from heightmap25d_ros.traversability import OCCUPIED, ObstacleMap, convert
 
 TRAJECTORY = "trajectory.tum"
+GROUND_TRUTH = "/ground_truth"
 EXIT_UNUSABLE = 2
 
 
@@ -79,7 +90,10 @@ def _parser() -> argparse.ArgumentParser:
     command = _command(commands, "evaluate", _evaluate, "a map directory against the truth")
     command.add_argument("map", type=Path, metavar="DIR", help="map directory")
     command.add_argument("--truth", type=Path, required=True, metavar="FILE",
-                         help="the world's surface, as bags/ramp/truth/surface.npz")  # fmt: skip
+                         help="the world's surface, as bags/ramp/truth/surface.npz; goals.npz "
+                         "beside it is used as well")  # fmt: skip
+    command.add_argument("--bag", type=Path, metavar="BAG",
+                         help="its /ground_truth is the truth of trajectory.tum")  # fmt: skip
 
     command = _command(commands, "simulate", _simulate, "a bag of a simulated drive, and its truth")
     command.add_argument("world", metavar="WORLD",
@@ -218,12 +232,34 @@ def _render(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _evaluate(options: argparse.Namespace) -> dict[str, Any]:
-    """Hold a map directory against the true surface of its world."""
+    """Hold a map directory against the truth of its world: surface, goals, trajectory."""
     settings = _params(options)
     height_map = map_io.load(options.map, settings.mapper.probability_threshold).height_map
-    return evaluation.evaluate(
-        height_map, settings.traversability, evaluation.read_truth(options.truth)
-    ).as_dict()
+    truth = evaluation.read_truth(options.truth)
+    figures = evaluation.evaluate(height_map, settings.traversability, truth).as_dict()
+    goals = options.truth.with_name("goals.npz")
+    if goals.exists():
+        obstacle_map = convert(height_map, settings.traversability)
+        pairs = reachability.read_goals(goals)
+        figures["goals"] = reachability.evaluate_goals(obstacle_map, pairs).as_dict()
+    if options.bag:
+        figures["trajectory"] = _trajectory_error(options.map / TRAJECTORY, options.bag)
+    return figures
+
+
+def _trajectory_error(trajectory: Path, bag_path: Path) -> dict[str, float]:
+    with Bag(bag_path) as bag:
+        true = [messages.odometry(event.message) for event in bag.events([GROUND_TRUTH])]
+    rows = map_io.read_tum(trajectory)
+    error = trajectory_error.evaluate_trajectory(
+        np.rint(rows[:, 0] * 1e9).astype(np.int64),
+        se3.from_quaternion(rows[:, 1:4], rows[:, 4:]),
+        np.array([pose.stamp_ns for pose in true], np.int64),
+        np.array([pose.T for pose in true]),
+    )
+    if error is None:
+        raise InputError(f"{trajectory}: no pose of it is within the {GROUND_TRUTH} of {bag_path}")
+    return error.as_dict()
 
 
 def _simulate(options: argparse.Namespace) -> dict[str, Any]:

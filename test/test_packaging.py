@@ -25,7 +25,8 @@ ORDER = [
     "grid", "sensor",
     "mapper", "terrain", "footprint", "traversability",
     "messages", "transforms", "intake", "mapping",
-    "bag", "atomic_directory", "map_io", "evaluation", "block_view", "render",
+    "bag", "atomic_directory", "map_io", "block_view", "render",
+    "evaluation", "reachability", "trajectory_error",
     "simulation",
     "cli", "nodes",
 ]  # fmt: skip

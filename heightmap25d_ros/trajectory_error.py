@@ -1,0 +1,81 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A trajectory against the true one, in the terms of the field."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heightmap25d_ros import se3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrajectoryError:
+    """Errors of estimated poses, without any alignment: both begin in the same frame.
+
+    Attributes
+    ----------
+    poses : int
+        Estimated ones that the true trajectory covers.
+    ate_rmse, ate_max : float [m]
+        Absolute trajectory error: distance in x, y and z to the true position.
+    final_position : float [m]
+        Distance in x and y at the end.
+    final_yaw, yaw_rmse : float [deg]
+    z_rmse : float [m]
+    """
+
+    poses: int
+    ate_rmse: float
+    ate_max: float
+    final_position: float
+    final_yaw: float
+    yaw_rmse: float
+    z_rmse: float
+
+    def as_dict(self) -> dict[str, float]:
+        """The figures by name, rounded to tenths of a millimetre."""
+        return {name: round(value, 4) for name, value in asdict(self).items()}
+
+
+def evaluate_trajectory(
+    stamps_ns: NDArray[np.int64],
+    poses: se3.Matrix,
+    true_stamps_ns: NDArray[np.int64],
+    true_poses: se3.Matrix,
+) -> TrajectoryError | None:
+    """Errors of poses (N, 4, 4) at their stamps [ns]; None where the truth covers none.
+
+    Parameters
+    ----------
+    stamps_ns : (N,) int64 [ns]
+    poses : (N, 4, 4) float64
+    true_stamps_ns : (K,) int64 [ns], strictly increasing
+    true_poses : (K, 4, 4) float64
+        In the frame of ``poses``; interpolated at their stamps.
+    """
+    covered = (stamps_ns >= true_stamps_ns[0]) & (stamps_ns <= true_stamps_ns[-1])
+    if not covered.any():
+        return None
+    poses = poses[covered]
+    truth = se3.interpolate(true_stamps_ns, true_poses, stamps_ns[covered])
+    offset = poses[:, :3, 3] - truth[:, :3, 3]
+    distance = np.linalg.norm(offset, axis=1)
+    yaw = se3.to_xyz_rpy(poses)[:, 5] - se3.to_xyz_rpy(truth)[:, 5]
+    yaw = np.degrees((yaw + np.pi) % (2 * np.pi) - np.pi)
+    return TrajectoryError(
+        poses=len(poses),
+        ate_rmse=_rms(distance),
+        ate_max=float(distance.max()),
+        final_position=float(np.hypot(*offset[-1, :2])),
+        final_yaw=float(abs(yaw[-1])),
+        yaw_rmse=_rms(yaw),
+        z_rmse=_rms(offset[:, 2]),
+    )
+
+
+def _rms(values: NDArray[np.float64]) -> float:
+    return float(np.sqrt(np.mean(values**2)))
