@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := build
-.PHONY: build demo test bench lint clean
+.PHONY: build demo test bench bags lint clean
 
 build: ## ROS 2 Jazzy, the Python packages, and both ROS packages under install/
 	@scripts/setup.sh
@@ -16,6 +16,9 @@ test: build ## the tests
 bench: build ## the measurements, also as out/bench.json
 	@source env.sh && pip install -qq --constraint .venv/pins.txt \
 	  --requirement requirements/bench.txt && python benchmarks/run.py
+
+bags: build ## the recordings in bags/ anew, the same bytes
+	@source env.sh && python scripts/record_bags.py
 
 lint: build ## style and types
 	@source env.sh && ruff check && ruff format --check && mypy
