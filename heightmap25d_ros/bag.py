@@ -119,6 +119,18 @@ class Bag:
             if topic.message_type == message_type and topic.count
         ]
 
+    def require(self, topic: str, message_type: str) -> None:
+        """Refuse a topic that is not there or is of another type.
+
+        Raises
+        ------
+        InputError
+            With the topics that there are.
+        """
+        found = self._of_topic(topic)[0].msgtype
+        if found != message_type:
+            raise InputError(f"{self.path}: {topic} is a {found}, not a {message_type}")
+
     def scan_topics(self) -> list[str]:
         """All LaserScan topics.
 

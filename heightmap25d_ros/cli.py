@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 import time
 from collections.abc import Iterator
@@ -26,7 +27,7 @@ from heightmap25d_ros import (
     se3,
     trajectory_error,
 )
-from heightmap25d_ros.bag import Bag
+from heightmap25d_ros.bag import LASER_SCAN, ODOMETRY, Bag
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid import HEIGHT_RESOLUTION, HeightMap
 from heightmap25d_ros.intake import Reading
@@ -34,7 +35,6 @@ from heightmap25d_ros.mapping import Mapping, compile_kernels
 from heightmap25d_ros.params import MapperParams, Params
 from heightmap25d_ros.traversability import OCCUPIED, ObstacleMap, convert
 
-TRAJECTORY = "trajectory.tum"
 GROUND_TRUTH = "/ground_truth"
 EXIT_UNUSABLE = 2
 
@@ -47,12 +47,16 @@ def main(arguments: list[str] | None = None) -> int:
     except InputError as error:
         print(f"heightmap25d: {error}", file=sys.stderr)
         return EXIT_UNUSABLE
+    except OSError as error:
+        print(f"heightmap25d: {error.filename or 'output'}: {error.strerror}", file=sys.stderr)
+        return EXIT_UNUSABLE
     except KeyboardInterrupt:
         return 130
-    if options.json:
-        print(json.dumps(figures, indent=2))
-    else:
-        _print_figures(figures)
+    try:
+        print(json.dumps(figures, indent=2) if options.json else "\n".join(_lines(figures)))
+        sys.stdout.flush()
+    except BrokenPipeError:  # whoever read has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0
 
 
@@ -133,6 +137,7 @@ def _map(options: argparse.Namespace) -> dict[str, Any]:
     with Bag(options.bag) as bag:
         settings = _mapping_params(options, bag)
         odom_topic = options.odom_topic or bag.odometry_topic()
+        bag.require(odom_topic, ODOMETRY)
         compile_kernels(settings)  # not what is timed below
         mapping = Mapping(settings)
         trajectory: list[tuple[int, se3.Matrix]] = []
@@ -147,8 +152,7 @@ def _map(options: argparse.Namespace) -> dict[str, Any]:
     if not scan_ms:
         raise InputError(f"{options.bag}: no scan could be mapped; {_reasons(mapping)}")
     frame = settings.mapping.map_frame
-    map_io.save(options.output, height_map, obstacle_map, frame)
-    map_io.write_tum(options.output / TRAJECTORY, trajectory)
+    map_io.save(options.output, height_map, obstacle_map, frame, trajectory)
     p50, p95, p99 = np.percentile(scan_ms, [50, 95, 99])
     return {
         "bag": str(options.bag),
@@ -171,6 +175,8 @@ def _mapping_params(options: argparse.Namespace, bag: Bag) -> Params:
     settings = _params(options)
     named = [f"/{topic.lstrip('/')}" for topic in settings.intake.scan_topics]
     topics = options.scan_topic or (named if settings.intake.mounts else bag.scan_topics())
+    for topic in topics:
+        bag.require(topic, LASER_SCAN)
     values: dict[str, Any] = {"intake.scan_topics": topics}
     if options.update_rule:
         values["mapper.update_rule"] = options.update_rule
@@ -221,8 +227,8 @@ def _render(options: argparse.Namespace) -> dict[str, Any]:
     settings = _params(options)
     height_map = map_io.load(options.map, settings.mapper.probability_threshold).height_map
     trajectory = None
-    if (options.map / TRAJECTORY).exists():
-        trajectory = map_io.read_tum(options.map / TRAJECTORY)[:, 1:4]
+    if (options.map / map_io.TRAJECTORY).exists():
+        trajectory = map_io.read_tum(options.map / map_io.TRAJECTORY)[:, 1:4]
     options.output.mkdir(parents=True, exist_ok=True)
     pictures = [options.output / f"{name}.png" for name in ("height", "obstacles", "blocks")]
     render.height_map(pictures[0], height_map, trajectory)
@@ -243,7 +249,7 @@ def _evaluate(options: argparse.Namespace) -> dict[str, Any]:
         pairs = reachability.read_goals(goals)
         figures["goals"] = reachability.evaluate_goals(obstacle_map, pairs).as_dict()
     if options.bag:
-        figures["trajectory"] = _trajectory_error(options.map / TRAJECTORY, options.bag)
+        figures["trajectory"] = _trajectory_error(options.map / map_io.TRAJECTORY, options.bag)
     return figures
 
 
@@ -284,13 +290,13 @@ def _info(options: argparse.Namespace) -> dict[str, Any]:
     if (options.path / map_io.HEIGHT_GRID).exists():
         loaded = map_io.load(options.path, settings.mapper.probability_threshold)
         geometry, heights = loaded.height_map.geometry, loaded.height_map
-        low, high = np.percentile(heights.height[heights.known], [0, 100]) * HEIGHT_RESOLUTION
+        known = heights.height[heights.known] * HEIGHT_RESOLUTION
         return {
             "frame": loaded.frame_id,
             "size [cells]": list(geometry.shape[::-1]),
             "resolution [m]": geometry.resolution,
             "origin [m]": list(geometry.origin),
-            "heights [m]": [round(low, 2), round(high, 2)],
+            "heights [m]": [round(known.min(), 2), round(known.max(), 2)] if known.size else [],
             **_cells(heights, convert(heights, settings.traversability)),
         }
     with Bag(options.path) as bag:
@@ -308,12 +314,13 @@ def _cells(height_map: HeightMap, obstacle_map: ObstacleMap) -> dict[str, int]:
     }
 
 
-def _print_figures(figures: dict[str, Any], indent: str = "") -> None:
+def _lines(figures: dict[str, Any], indent: str = "") -> Iterator[str]:
+    """The figures as aligned lines of text."""
     width = max((len(name) for name in figures), default=0)
     for name, value in figures.items():
         if isinstance(value, dict):
-            print(f"{indent}{name}" + ("" if value else f"{'':{width - len(name)}}  none"))
-            _print_figures(value, indent + "  ")
+            yield f"{indent}{name}" if value else f"{indent}{name:{width}}  none"
+            yield from _lines(value, indent + "  ")
         else:
             text = ", ".join(map(str, value)) if isinstance(value, list) else value
-            print(f"{indent}{name:{width}}  {text}")
+            yield f"{indent}{name:{width}}  {text}"

@@ -37,6 +37,7 @@ MAX_CELLS = 2**30
 """A larger map is refused unread; so is one of which 16 bytes a cell exceed the memory."""
 
 MAP_YAML, MAP_PGM, HEIGHT_GRID = "map.yaml", "map.pgm", "height_grid.npz"
+TRAJECTORY = "trajectory.tum"
 
 _MAX_SMALL_FIELD = 1024
 """Bytes of a field that is not a grid."""
@@ -78,13 +79,23 @@ def map_path(map_directory: Path, name: str) -> Path:
         raise InputError(f"map name {name!r}: {error}") from None
     if root not in path.parents:
         raise refused
+    for parent in path.parents:
+        if root in parent.parents and (parent / HEIGHT_GRID).exists():
+            raise InputError(f"map name {name!r}: {parent.name} is a map itself")
     return path
 
 
-def save(directory: Path, height_map: HeightMap, obstacle_map: ObstacleMap, frame_id: str) -> None:
+def save(
+    directory: Path,
+    height_map: HeightMap,
+    obstacle_map: ObstacleMap,
+    frame_id: str,
+    trajectory: Sequence[tuple[int, se3.Matrix]] = (),
+) -> None:
     """Write a map directory, in one step and in place of the one that is there.
 
-    Other files in the directory stay. `atomic_directory.replacing` tells what a crash leaves.
+    A trajectory, stamps [ns] and poses (4, 4), becomes ``trajectory.tum``. Other files in the
+    directory stay. `atomic_directory.replacing` tells what a crash leaves.
 
     Raises
     ------
@@ -111,6 +122,8 @@ def save(directory: Path, height_map: HeightMap, obstacle_map: ObstacleMap, fram
             frame_id=np.array(frame_id),
             format_version=np.int64(FORMAT_VERSION),
         )
+        if trajectory:
+            write_tum(temporary / TRAJECTORY, trajectory)
 
 
 def load(directory: Path, probability_threshold: float) -> LoadedMap:

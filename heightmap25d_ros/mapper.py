@@ -33,7 +33,7 @@ from heightmap25d_ros.params import MapperParams, SensorParams
 from heightmap25d_ros.sensor import Beams
 
 _OBSERVED = 1  # a tile_top: observed, though none of its cells has a height now
-_NO_EXTENT = 1e-12  # [cells] a beam that moves less than this along an axis never leaves a cell
+_NO_EXTENT = 1e-12  # [cells], or t: a beam that moves less than this along an axis does not move
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -170,7 +170,10 @@ def _hit(cell, z, distance, model, rule):
         return z, _stored(given_object, rule), 0, 0  # eq. (1), (2)
     if z >= height - rule.tolerance:
         belief = _bayes(probability, given_object, given_empty, rule)
-        return max(z, height), belief, candidate_height, candidate  # eq. (3), (4)
+        height = max(z, height)
+        if candidate_height <= height + rule.tolerance:
+            candidate = 0  # the height has grown up to it
+        return height, belief, candidate_height, candidate  # eq. (3), (4)
     return cell
 
 
@@ -243,7 +246,8 @@ def _integrate(  # noqa: PLR0913
         )  # fmt: skip
         after = _hit(before, z, length, hit_model, rule)
         heights[ty, tx, y, x], probabilities[ty, tx, y, x] = after[0], after[1]
-        candidate_heights[ty, tx, y, x], candidates[ty, tx, y, x] = after[2], after[3]
+        if after[3] != 0 or before[3] != 0:  # a page without candidates takes no memory
+            candidate_heights[ty, tx, y, x], candidates[ty, tx, y, x] = after[2], after[3]
         if after[0] != before[0] or before[1] < rule.known:
             tile_changed[ty, tx] = 1
         tile_top[ty, tx] = max(tile_top[ty, tx], max(after[0], z) + TOP_BIAS)
@@ -310,13 +314,17 @@ def _clear_tile(  # noqa: PLR0913
         middle = 0.5 * (entered + exited)
         beam_height = origin[2] + middle * (end[2] - origin[2]) + rule.clearing_margin
         is_end = (ix == first_x and iy == first_y) or (ix == last_x and iy == last_y)
-        if not is_end and (heights[ty, tx, y, x] >= beam_height or candidates[ty, tx, y, x] > 0):
+        # Through a corner a beam touches a cell without passing it.
+        is_passed = exited - entered > _NO_EXTENT and not is_end
+        if is_passed and (heights[ty, tx, y, x] >= beam_height or candidates[ty, tx, y, x] > 0):
             before = (
                 np.int64(heights[ty, tx, y, x]), np.int64(probabilities[ty, tx, y, x]),
                 np.int64(candidate_heights[ty, tx, y, x]), np.int64(candidates[ty, tx, y, x]),
             )  # fmt: skip
             after = _miss(before, beam_height, middle * length, model, rule)
-            probabilities[ty, tx, y, x], candidates[ty, tx, y, x] = after[1], after[3]
+            probabilities[ty, tx, y, x] = after[1]
+            if before[3] != 0:
+                candidates[ty, tx, y, x] = after[3]
             is_lost |= after[1] < rule.known <= before[1]
         entered = exited
         if exit_x < exit_y:

@@ -53,7 +53,7 @@ class Mapping:
     merged : Counter of str
         Scans and returns.
     stamp_ns : int [ns]
-        Of the newest scan merged; 0 before the first.
+        Of the scan merged last; 0 before the first.
     """
 
     def __init__(self, params: Params) -> None:
@@ -125,12 +125,24 @@ class Mapping:
         return self._merge(self._intake.flush())
 
     def maps(self) -> tuple[HeightMap, ObstacleMap]:
-        """Height map and converted map of all that was observed; of an unknown tile at first."""
+        """Height map and converted map of all that was observed; of an unknown tile at first.
+
+        Raises
+        ------
+        InputError
+            If that is more than ``mapping.max_cells``: one wild pose stretches the map so far.
+        """
         threshold = self._params.mapper.probability_threshold
-        self._obstacles.update(self.grid, threshold)
         area = self.grid.observed_area()
         if not area.rows:
             area = Area(area.iy, area.ix, TILE, TILE)
+        limit = self._params.mapping.max_cells
+        if area.rows * area.columns > limit:
+            raise InputError(
+                f"the map has {area.columns} x {area.rows} cells, more than the {limit:.0f} of "
+                "parameter mapping.max_cells; clear it, or allow more"
+            )
+        self._obstacles.update(self.grid, threshold)
         return self.grid.read(threshold, area), self._obstacles.read(area)
 
     def _content(self, kind: str, read: Callable[[Any], _Content], message: Any) -> _Content | None:
@@ -156,5 +168,5 @@ class Mapping:
                     "return: beyond grid.extent": result.outside,
                 }
             )
-            self.stamp_ns = max(self.stamp_ns, reading.scan.stamp_ns)
+            self.stamp_ns = reading.scan.stamp_ns
         return readings

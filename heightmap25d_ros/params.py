@@ -152,6 +152,16 @@ class MapperParams(_Section):
         low=0.0, high=1.0,
     )  # fmt: skip
 
+    def __post_init__(self) -> None:
+        _Section.__post_init__(self)
+        if not self.probability_min < self.probability_threshold < self.probability_max:
+            raise InputError(
+                "parameter mapper.probability_threshold: must lie between probability_min and "
+                "probability_max"
+            )
+        if self.candidate_belief > self.probability_max:
+            raise InputError("parameter mapper.candidate_belief: must not exceed probability_max")
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TraversabilityParams(_Section):
@@ -192,6 +202,8 @@ class IntakeParams(_Section):
 
     def __post_init__(self) -> None:
         _Section.__post_init__(self)
+        if not all(self.scan_topics) or len(set(self.scan_topics)) < len(self.scan_topics):
+            raise InputError("parameter intake.scan_topics: a topic is empty or named twice")
         if self.mounts and len(self.mounts) != 6 * len(self.scan_topics):
             raise InputError(
                 f"parameter intake.mounts: {len(self.mounts)} numbers for "
@@ -207,7 +219,15 @@ class MappingParams(_Section):
     publish_rate: float = _parameter(
         2.0, "most often that maps are published", "Hz", low=0.05, high=50.0
     )
+    max_cells: float = _parameter(
+        32e6, "a map whose bounding box has more cells is not published or saved", low=256, high=1e9
+    )
     map_directory: str = _parameter("maps", "where save_map and load_map keep their maps")
+
+    def __post_init__(self) -> None:
+        _Section.__post_init__(self)
+        if not self.map_frame:
+            raise InputError("parameter mapping.map_frame: is empty")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -295,7 +315,7 @@ def with_values(params: Params, values: Mapping[str, Any]) -> Params:
     changes: dict[str, dict[str, Value]] = {}
     for name, given in values.items():
         if name not in known:
-            nearest = difflib.get_close_matches(name, known, n=1, cutoff=0.4)
+            nearest = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
             hint = f"; did you mean {nearest[0]}?" if nearest else ""
             raise InputError(f"parameter {name}: unknown{hint}")
         section, _, key = name.partition(".")

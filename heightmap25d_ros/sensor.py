@@ -70,8 +70,8 @@ def beams(
 ) -> Beams:
     """Beams of a scan in the map frame, by REP-117.
 
-    +inf: no return, clears to ``clearing_range``. NaN, -inf and values outside of
-    ``range_min .. range_max`` or below ``min_range``: no beam. Returns beyond ``max_range``
+    +inf: no return, clears to ``clearing_range`` or ``range_max``, the nearer one. NaN, -inf and
+    values outside of ``range_min .. range_max`` or below ``min_range``: no beam. Returns beyond ``max_range``
     clear up to there, and returns outside of the window ``min_height .. max_height`` above
     base_link clear up to the return; neither hits.
 
@@ -86,7 +86,8 @@ def beams(
     nearest = max(scan.range_min, params.min_range)
     is_return = (ranges >= nearest) & (ranges <= scan.range_max)
     is_miss = ranges == np.inf
-    reach = np.where(is_miss, params.clearing_range, np.minimum(ranges, params.max_range))
+    cleared = min(params.clearing_range, scan.range_max)
+    reach = np.where(is_miss, cleared, np.minimum(ranges, params.max_range))
     used = (is_return | is_miss) & (reach > 0.0)
 
     T_map_sensor = T_map_base @ T_base_sensor

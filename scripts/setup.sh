@@ -143,7 +143,7 @@ packages_key=$({ echo "$ros $PWD"; cat scripts/setup.sh requirements/*.txt; } | 
 build_key=$(
   {
     echo "$packages_key"
-    ls config launch rviz
+    find config launch rviz -type f 2> /dev/null | sort || true
     cat heightmap25d_msgs/{package.xml,CMakeLists.txt,msg/*,srv/*}
     cat package.xml setup.py setup.cfg colcon_defaults.yaml scripts/{heightmap25d,write_tf2_msgs.py}
   } | sha256sum

@@ -100,6 +100,8 @@ class LiteralMap:
                 self.contradict(cell, height, given_object, given_empty, tolerance)
         elif height >= cell.height - tolerance:
             cell.height = max(cell.height, height)
+            if cell.candidate is not None and cell.candidate[0] <= cell.height + tolerance:
+                cell.candidate = None  # no longer a contradiction
             cell.probability = self.bayes(cell.probability, given_object, given_empty)
 
     def contradict(self, cell, height, given_object, given_empty, tolerance) -> None:

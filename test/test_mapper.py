@@ -59,6 +59,38 @@ def random_scan(rng, count, spread=6.0):
 
 @pytest.mark.parametrize("rule", RULES)
 @settings(max_examples=100, deadline=None)
+@given(heights=st.lists(st.integers(-50, 300), min_size=1, max_size=40))
+def test_no_reading_lowers_a_known_cell(rule, heights):
+    m = mapper(update_rule=rule)
+    stored = -(10**6)
+    for height in heights:
+        m.integrate(beams((3.0, 3.5, 4.0), (3.0, 4.0, height / 100)))
+        assert cell(m, 3.0, 4.0)[0] >= stored
+        stored = cell(m, 3.0, 4.0)[0]
+
+
+def test_a_candidate_that_the_height_has_grown_up_to_is_forgotten():
+    m = mapper(update_rule="candidate")
+    m.integrate(beams((3.0, 3.5, 2.0), [(3.0, 4.0, z) for z in (0.0, 0.12, 0.10, 0.20, 0.50)]))
+    assert cell(m, 3.0, 4.0)[0] == 20
+
+
+@pytest.mark.parametrize("signs", [(1, 1), (1, -1), (-1, 1), (-1, -1)])
+def test_a_beam_through_the_corners_of_cells_passes_only_the_diagonal(signs):
+    m = mapper(update_rule="paper")
+    centers = (np.array([(x, y) for x in range(8) for y in range(8)]) + 0.5) * 0.125 * signs
+    for x, y in centers:
+        m.integrate(beams((x, y, 2.0), (x, y, 0.5)))
+    before = {tuple(c): cell(m, *c)[1] for c in centers}
+    m.integrate(beams((0.0, 0.0, 0.2), (*(0.75 * np.array(signs)), 0.2), is_hit=False))
+    changed = {c for c in before if cell(m, *c)[1] != before[c]}
+    # A corner belongs to the cell of larger x and y, so both ends are at home in one of these.
+    assert {abs(x) - abs(y) for x, y in changed} == {0.0}
+    assert 5 <= len(changed) <= 6
+
+
+@pytest.mark.parametrize("rule", RULES)
+@settings(max_examples=100, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     probability_max=st.sampled_from([0.9, 0.98, 1.0]),

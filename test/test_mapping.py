@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from bag_writer import header, laser_scan, odometry, rosbags_type, tf_message
 
+from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.mapping import Mapping
 from heightmap25d_ros.params import Params, with_values
 
@@ -116,6 +117,28 @@ def test_before_the_first_scan_the_map_is_one_unknown_tile():
     assert height_map.height.shape == obstacle_map.occupancy.shape == (16, 16)
     assert not height_map.known.any()
     assert (obstacle_map.occupancy == -1).all()
+
+
+def test_a_map_stretched_by_a_wild_pose_is_refused_until_it_is_cleared():
+    m = mapping(**{"grid.extent": 2048.0, "mapping.max_cells": 1e5})
+    m.take_odometry(pose(0))
+    m.take_scan("scan", scan(0, 2.05))
+    m.take_odometry(pose(20, x=1000.0))
+    m.take_scan("scan", scan(20, 2.05))
+    m.settle()
+    with pytest.raises(InputError, match=r"mapping\.max_cells"):
+        m.maps()
+    m.clear()
+    assert heights(m) == {}
+
+
+def test_the_stamp_follows_a_clock_that_jumped_back():
+    m = mapping()
+    for milliseconds in (0, 5000, 0):
+        m.take_odometry(pose(milliseconds))
+        m.take_scan("scan", scan(milliseconds, 2.05))
+    m.settle()
+    assert m.stamp_ns == START
 
 
 def test_clearing_forgets_and_a_loaded_map_goes_on():

@@ -258,6 +258,7 @@ def test_a_signal_ends_the_node_with_status_0_within_a_second(tmp_path, kind):
         ("grid.resolution:=-1.0", "grid.resolution: -1 is not within 0.01 .. 10"),
         ("mapper.update_rule:=literal", "'literal' is not one of candidate, paper"),
         ("traversability.max_step:=high", "'high' is not a float"),
+        ("intake.scan_topics:=['a b']", "topic name must not contain"),
         ("intake.mounts:=[]", "a parameter is an empty list"),
     ],
 )

@@ -43,6 +43,12 @@ def test_every_parameter_has_a_meaning_and_every_number_a_range():
         ("intake.mounts", [0.0, 1.0], "2 numbers for 1 lasers"),
         ("sensor.hit_given_object", [0.8], "needs two numbers"),
         ("sensor.hit_given_empty", [0.9, 0.4], "must exceed hit_given_empty"),
+        ("mapper.probability_max", 0.8, "must not exceed probability_max"),
+        ("mapper.probability_min", 0.5, "must lie between"),
+        ("mapper.bogus", 1, "parameter mapper.bogus: unknown"),
+        ("intake.scan_topics", ["a", "a"], "named twice"),
+        ("intake.scan_topics", [""], "is empty"),
+        ("mapping.map_frame", "", "is empty"),
         ("sensor.min_height", 3.0, "must be below max_height"),
     ],
 )

@@ -63,6 +63,11 @@ def test_rep_117_values():
     assert result.is_hit.tolist() == [False, True]
 
 
+def test_no_return_clears_no_farther_than_the_laser_sees():
+    result = beams(scan([np.inf], range_max=4.0), LEVEL, LEVEL, SensorParams(clearing_range=7.0))
+    np.testing.assert_allclose(result.ends, [(4, 0, 0)])
+
+
 def test_returns_from_the_robots_own_body_are_ignored():
     result = beams(scan([0.6, 0.9]), LEVEL, LEVEL, SensorParams(min_range=0.8))
     np.testing.assert_allclose(result.ends, [(0, 0.9, 0)], atol=1e-7)

@@ -104,7 +104,11 @@ class MappingNode(Node):
         ]
         if not due:
             return
-        maps = self._mapping.maps()
+        try:
+            maps = self._mapping.maps()
+        except InputError as error:
+            self.get_logger().error(str(error), throttle_duration_sec=_REPORT_PERIOD)
+            return
         for topic in due:
             self._publish_to(topic, self._publishers_of_maps[topic], maps)
             self._published[topic] = self._version
@@ -155,13 +159,21 @@ class MappingNode(Node):
         return response
 
     def _clear_map(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._mapping.clear()
+        try:
+            self._mapping.clear()
+        except InputError as error:
+            response.message = str(error)
+            return response
         self._version += 1
         response.success = True
         return response
 
     def _get_map(self, _: GetMap.Request, response: GetMap.Response) -> GetMap.Response:
-        height_map, obstacle_map = self._mapping.maps()
+        try:
+            height_map, obstacle_map = self._mapping.maps()
+        except InputError as error:
+            self.get_logger().error(str(error))
+            return response
         messages.fill_occupancy_grid(
             response.map,
             obstacle_map.occupancy,

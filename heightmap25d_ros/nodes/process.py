@@ -6,10 +6,11 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from typing import Any
 
 import rclpy
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
-from rclpy.exceptions import ParameterException
+from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import ExternalShutdownException
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
@@ -70,6 +71,20 @@ def _made(make_node: Callable[[], Node]) -> Node:
         raise InputError("a parameter is an empty list; ROS wants it left out") from None
 
 
+def start_ros(arguments: list[str] | None, **options: Any) -> None:
+    """``rclpy.init``; bad ROS arguments are bad input.
+
+    Raises
+    ------
+    InputError
+        If a remapping or a parameter of the arguments cannot be read.
+    """
+    try:
+        rclpy.init(args=arguments, **options)
+    except RuntimeError as error:
+        raise InputError(f"ROS arguments: {' '.join(str(error).split())}") from None
+
+
 def run(make_node: Callable[[], Node], arguments: list[str] | None = None) -> int:
     """Spin a node until Ctrl-C or SIGTERM; the exit status of the process.
 
@@ -80,9 +95,9 @@ def run(make_node: Callable[[], Node], arguments: list[str] | None = None) -> in
     arguments : list of str, optional
         Of the command line; by default the process's own.
     """
-    rclpy.init(args=arguments)
     node = None
     try:
+        start_ros(arguments)
         node = _made(make_node)
         # A message costs a third of what it costs in the default executor. Its spin() does not
         # end on a signal; spin_once() does.
@@ -92,8 +107,9 @@ def run(make_node: Callable[[], Node], arguments: list[str] | None = None) -> in
             executor.spin_once(timeout_sec=0.5)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
-    except (InputError, ParameterException) as error:
-        print(f"error: {error}", file=sys.stderr)
+    except (InputError, ParameterException, NameValidationException) as error:
+        reason = " ".join(str(error).split())
+        print(f"error: {reason}", file=sys.stderr)
         return 2
     finally:
         if node is not None:

@@ -32,6 +32,7 @@ from tqdm import tqdm
 
 from heightmap25d_ros.bag import Bag
 from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.nodes import process
 
 CLOCK_PERIOD_NS = 25_000_000
 """At most this much bag time [ns] lies between two messages on /clock."""
@@ -283,7 +284,7 @@ def main(arguments: list[str] | None = None) -> int:
         signal.signal(number, _stop)
     try:
         # Signals are ours: rclpy's handlers would let a sleep go on to its end.
-        rclpy.init(args=ros_arguments, signal_handler_options=SignalHandlerOptions.NO)
+        process.start_ros(ros_arguments, signal_handler_options=SignalHandlerOptions.NO)
         with Bag(options.bag) as bag:
             _run(rclpy.create_node("replay"), bag, options)
     except InputError as error:
