@@ -33,7 +33,12 @@ from heightmap25d_ros.params import MapperParams, SensorParams
 from heightmap25d_ros.sensor import Beams
 
 _OBSERVED = 1  # a tile_top: observed, though none of its cells has a height now
-_NO_EXTENT = 1e-12  # [cells], or t: a beam that moves less than this along an axis does not move
+_TILE_CELLS = TILE * TILE
+_TOUCH = 1e-9  # t, and [cells]: what a beam passes for less than this it only touches
+_LEVEL = 1e-9  # [cm] a beam that falls less than this is taken to fall so much
+_NEVER = 1e12  # t per cell of a beam that does not leave it
+_kernel = njit(cache=True, error_model="numpy")
+_inlined = njit(cache=True, error_model="numpy", forceinline=True)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,12 +98,13 @@ class Mapper:
             beams.is_hit,
             geometry.origin,
             geometry.resolution,
-            self.grid.height.cells,
-            self.grid.probability.cells,
-            self.grid.candidate_height.cells,
-            self.grid.candidate_probability.cells,
-            self.grid.tile_top,
-            self.grid.tile_changed,
+            self.grid.tile_top.shape,
+            self.grid.height.cells.reshape(-1),
+            self.grid.probability.cells.reshape(-1),
+            self.grid.candidate_height.cells.reshape(-1),
+            self.grid.candidate_probability.cells.reshape(-1),
+            self.grid.tile_top.reshape(-1),
+            self.grid.tile_changed.reshape(-1),
             self._hit,
             self._miss,
             self._rule,
@@ -127,7 +133,7 @@ class _Rule(NamedTuple):
     candidate_belief: int
 
 
-@njit(cache=True)
+@_inlined
 def _likelihoods(distance, model):
     """P(.|O) and P(.|not O) of a reading at a distance [m]."""
     far = min(distance / model.max_range, 1.0)
@@ -138,13 +144,13 @@ def _likelihoods(distance, model):
     )
 
 
-@njit(cache=True)
+@_inlined
 def _stored(probability, rule):
     """A probability as it is stored, clamped so that the cell can still change."""
     return min(max(int(probability * PROBABILITY_SCALE + 0.5), rule.lowest), rule.highest)
 
 
-@njit(cache=True)
+@_inlined
 def _bayes(stored, given_object, given_empty, rule):
     """Eq. (4), with P(s|not O) in the second term, as the text under it has it."""
     prior = stored / PROBABILITY_SCALE
@@ -152,7 +158,7 @@ def _bayes(stored, given_object, given_empty, rule):
     return _stored(for_object / (for_object + given_empty * (1.0 - prior)), rule)
 
 
-@njit(cache=True)
+@_inlined
 def _hit(cell, z, distance, model, rule):
     """A cell after a return at height z [cm].
 
@@ -177,7 +183,7 @@ def _hit(cell, z, distance, model, rule):
     return cell
 
 
-@njit(cache=True)
+@_inlined
 def _propose(cell, z, given_object, given_empty, rule):
     """A cell after a reading far above its height: the paper's candidate.
 
@@ -197,7 +203,7 @@ def _propose(cell, z, given_object, given_empty, rule):
     return supported, belief, higher, 0 if is_same else _stored(given_object, rule)
 
 
-@njit(cache=True)
+@_inlined
 def _miss(cell, beam_height, distance, model, rule):
     """A cell after a beam passed over it: what stands at or above it is believed less."""
     height, probability, candidate_height, candidate = cell
@@ -210,52 +216,51 @@ def _miss(cell, beam_height, distance, model, rule):
     return height, probability, candidate_height, candidate
 
 
-@njit(cache=True)
+@_kernel
 def _integrate(  # noqa: PLR0913
-    origins, ends, is_hit, corner, resolution,
+    origins, ends, is_hit, corner, resolution, tiles,
     heights, probabilities, candidate_heights, candidates, tile_top, tile_changed,
     hit_model, miss_model, rule,
 ):  # fmt: skip
     """Merge beams, shapes (N, 3), (N, 3), (N,); returns the counts of `Integrated`."""
     hits = clipped = outside = 0
+    rows, columns = tiles
     for beam in range(len(ends)):
         origin = _in_cells(origins, beam, corner, resolution)
         end = _in_cells(ends, beam, corner, resolution)
+        if not (_is_inside(origin, rows, columns) and _is_inside(end, rows, columns)):
+            outside += is_hit[beam]
+            continue
         length = np.sqrt(
             (ends[beam, 0] - origins[beam, 0]) ** 2
             + (ends[beam, 1] - origins[beam, 1]) ** 2
             + (ends[beam, 2] - origins[beam, 2]) ** 2
         )
         _clear(
-            origin, end, length, heights, probabilities, candidate_heights, candidates,
+            origin, end, length, columns, heights, probabilities, candidate_heights, candidates,
             tile_top, tile_changed, miss_model, rule,
         )  # fmt: skip
         if not is_hit[beam]:
             continue
-        iy, ix = int(np.floor(end[1])), int(np.floor(end[0]))
-        ty, tx, y, x = iy // TILE, ix // TILE, iy % TILE, ix % TILE
-        if not (0 <= ty < tile_top.shape[0] and 0 <= tx < tile_top.shape[1]):
-            outside += 1
-            continue
         z = int(np.floor(end[2] + 0.5))
         clipped += abs(z) > HEIGHT_LIMIT
         z = min(max(z, -HEIGHT_LIMIT), HEIGHT_LIMIT)
-        before = (
-            np.int64(heights[ty, tx, y, x]), np.int64(probabilities[ty, tx, y, x]),
-            np.int64(candidate_heights[ty, tx, y, x]), np.int64(candidates[ty, tx, y, x]),
-        )  # fmt: skip
+        ix, iy = int(end[0]), int(end[1])
+        tile = np.uint64(iy // TILE * columns + ix // TILE)
+        cell = np.uint64(tile * np.uint64(_TILE_CELLS) + np.uint64(iy % TILE * TILE + ix % TILE))
+        before = _content(cell, heights, probabilities, candidate_heights, candidates)
         after = _hit(before, z, length, hit_model, rule)
-        heights[ty, tx, y, x], probabilities[ty, tx, y, x] = after[0], after[1]
+        heights[cell], probabilities[cell] = after[0], after[1]
         if after[3] != 0 or before[3] != 0:  # a page without candidates takes no memory
-            candidate_heights[ty, tx, y, x], candidates[ty, tx, y, x] = after[2], after[3]
+            candidate_heights[cell], candidates[cell] = after[2], after[3]
         if after[0] != before[0] or before[1] < rule.known:
-            tile_changed[ty, tx] = 1
-        tile_top[ty, tx] = max(tile_top[ty, tx], max(after[0], z) + TOP_BIAS)
+            tile_changed[tile] = 1
+        tile_top[tile] = max(tile_top[tile], max(after[0], z) + TOP_BIAS)
         hits += 1
     return hits, clipped, outside
 
 
-@njit(cache=True)
+@_inlined
 def _in_cells(points, index, corner, resolution):
     """A point [m] as x, y [cells] from the corner and z [cm]."""
     x = (points[index, 0] - corner[0]) / resolution
@@ -263,30 +268,52 @@ def _in_cells(points, index, corner, resolution):
     return x, y, points[index, 2] / HEIGHT_RESOLUTION
 
 
-@njit(cache=True)
+@_inlined
+def _is_inside(point, rows, columns):
+    return 0.0 <= point[0] < columns * TILE and 0.0 <= point[1] < rows * TILE
+
+
+@_inlined
+def _content(cell, heights, probabilities, candidate_heights, candidates):
+    """The four numbers of a cell."""
+    return (
+        np.int64(heights[cell]),
+        np.int64(probabilities[cell]),
+        np.int64(candidate_heights[cell]),
+        np.int64(candidates[cell]),
+    )
+
+
+@_inlined
 def _clear(  # noqa: PLR0913
-    origin, end, length, heights, probabilities, candidate_heights, candidates,
+    origin, end, length, columns, heights, probabilities, candidate_heights, candidates,
     tile_top, tile_changed, model, rule,
 ):  # fmt: skip
-    """Walk the tiles under a beam, and the cells of those that may reach up to it."""
-    dz = end[2] - origin[2]
+    """Walk the tiles between the ends of a beam, and in them the cells that may reach it."""
     ray_x, ray_y = _axis(origin[0], end[0]), _axis(origin[1], end[1])
-    tx, ty = int(np.floor(origin[0])) // TILE, int(np.floor(origin[1])) // TILE
+    entered = min(_exit(int(origin[0]), 1, ray_x), _exit(int(origin[1]), 1, ray_y))
+    last = max(_entry(int(end[0]), ray_x), _entry(int(end[1]), ray_y))
+    z, fall = origin[2] + rule.clearing_margin, end[2] - origin[2]
+    if abs(fall) < _LEVEL:
+        fall = -_LEVEL
+    tx, ty = int(origin[0]) // TILE, int(origin[1]) // TILE
     exit_x, exit_y = _exit(tx, TILE, ray_x), _exit(ty, TILE, ray_y)
     across_x, across_y = abs(ray_x[2]) * TILE, abs(ray_y[2]) * TILE
-    entered = 0.0
-    while entered < 1.0:
-        left = min(exit_x, exit_y, 1.0)
-        if 0 <= ty < tile_top.shape[0] and 0 <= tx < tile_top.shape[1]:
-            lowest = origin[2] + dz * (left if dz < 0.0 else entered) + rule.clearing_margin
-            if tile_top[ty, tx] - TOP_BIAS >= lowest and _clear_tile(
-                ty, tx, entered, left, ray_x, ray_y, origin, end, length,
-                heights, probabilities, candidate_heights, candidates, model, rule,
-            ):  # fmt: skip
-                tile_changed[ty, tx] = 1
-                tile_top[ty, tx] = _top_of(
-                    ty, tx, heights, probabilities, candidate_heights, candidates, rule
-                )
+    while entered < last:
+        left = min(exit_x, exit_y, last)
+        tile = np.uint64(ty * columns + tx)
+        # Where the beam is as high as the highest cell of the tile: only below that it can meet.
+        meets = (tile_top[tile] - TOP_BIAS - z) / fall
+        start = max(entered, meets) if fall < 0.0 else entered
+        stop = left if fall < 0.0 else min(left, meets)
+        if start < stop and _clear_tile(
+            tx, ty, tile, start, stop, ray_x, ray_y, z, fall, length,
+            heights, probabilities, candidate_heights, candidates, model, rule,
+        ):  # fmt: skip
+            tile_changed[tile] = 1
+            tile_top[tile] = _top_of(
+                tile, heights, probabilities, candidate_heights, candidates, rule
+            )
         entered = left
         if exit_x < exit_y:
             tx += ray_x[3]
@@ -296,72 +323,74 @@ def _clear(  # noqa: PLR0913
             exit_y += across_y
 
 
-@njit(cache=True)
+@_inlined
 def _clear_tile(  # noqa: PLR0913
-    ty, tx, entered, left, ray_x, ray_y, origin, end, length,
+    tx, ty, tile, start, stop, ray_x, ray_y, z, fall, length,
     heights, probabilities, candidate_heights, candidates, model, rule,
 ):  # fmt: skip
     """Lower the belief in what stands in the beam; whether a cell became unknown by it."""
     is_lost = False
-    first_x, first_y = int(np.floor(origin[0])), int(np.floor(origin[1]))
-    last_x, last_y = int(np.floor(end[0])), int(np.floor(end[1]))
-    x = min(max(int(np.floor(origin[0] + entered * ray_x[1])) - tx * TILE, 0), TILE - 1)
-    y = min(max(int(np.floor(origin[1] + entered * ray_y[1])) - ty * TILE, 0), TILE - 1)
+    x = min(max(int(ray_x[0] + start * ray_x[1]) - tx * TILE, 0), TILE - 1)
+    y = min(max(int(ray_y[0] + start * ray_y[1]) - ty * TILE, 0), TILE - 1)
     exit_x, exit_y = _exit(tx * TILE + x, 1, ray_x), _exit(ty * TILE + y, 1, ray_y)
-    while entered < left and 0 <= x < TILE and 0 <= y < TILE:
-        ix, iy = tx * TILE + x, ty * TILE + y
-        exited = min(exit_x, exit_y, left)
-        middle = 0.5 * (entered + exited)
-        beam_height = origin[2] + middle * (end[2] - origin[2]) + rule.clearing_margin
-        is_end = (ix == first_x and iy == first_y) or (ix == last_x and iy == last_y)
-        # Through a corner a beam touches a cell without passing it.
-        is_passed = exited - entered > _NO_EXTENT and not is_end
-        if is_passed and (heights[ty, tx, y, x] >= beam_height or candidates[ty, tx, y, x] > 0):
-            before = (
-                np.int64(heights[ty, tx, y, x]), np.int64(probabilities[ty, tx, y, x]),
-                np.int64(candidate_heights[ty, tx, y, x]), np.int64(candidates[ty, tx, y, x]),
-            )  # fmt: skip
+    across_x, across_y = abs(ray_x[2]), abs(ray_y[2])
+    entered = max(exit_x - across_x, exit_y - across_y)
+    index = np.int64(tile) * _TILE_CELLS + y * TILE + x
+    step_x, step_y = ray_x[3], ray_y[3] * TILE
+    while entered < stop - _TOUCH:
+        left = min(exit_x, exit_y)
+        middle = 0.5 * (entered + left)
+        beam_height = z + middle * fall
+        cell = np.uint64(index)
+        is_passed = left > max(entered, start) + _TOUCH
+        if is_passed and (heights[cell] >= beam_height or candidates[cell] > 0):
+            before = _content(cell, heights, probabilities, candidate_heights, candidates)
             after = _miss(before, beam_height, middle * length, model, rule)
-            probabilities[ty, tx, y, x] = after[1]
+            probabilities[cell] = after[1]
             if before[3] != 0:
-                candidates[ty, tx, y, x] = after[3]
+                candidates[cell] = after[3]
             is_lost |= after[1] < rule.known <= before[1]
-        entered = exited
+        entered = left
         if exit_x < exit_y:
-            x += ray_x[3]
-            exit_x += abs(ray_x[2])
+            index += step_x
+            exit_x += across_x
         else:
-            y += ray_y[3]
-            exit_y += abs(ray_y[2])
+            index += step_y
+            exit_y += across_y
     return is_lost
 
 
-@njit(cache=True)
+@_inlined
 def _axis(origin, end):
     """A beam along one axis: origin, extent, t per cell, step, side of a cell it leaves by."""
     extent = end - origin
-    if extent > _NO_EXTENT:
+    if abs(extent) < _TOUCH:
+        return origin, extent, _NEVER, 1, 1
+    if extent > 0.0:
         return origin, extent, 1.0 / extent, 1, 1
-    if extent < -_NO_EXTENT:
-        return origin, extent, 1.0 / extent, -1, 0
-    return origin, extent, np.inf, 1, 1
+    return origin, extent, 1.0 / extent, -1, 0
 
 
-@njit(cache=True)
+@_inlined
 def _exit(index, size, ray):
-    """Where, as t, a beam leaves a cell or a tile along one axis; +inf: never."""
-    origin, _, t_per_cell, _, side = ray
-    return ((index + side) * size - origin) * t_per_cell
+    """Where, as t, a beam leaves a cell or a tile along one axis."""
+    return ((index + ray[4]) * size - ray[0]) * ray[2]
 
 
-@njit(cache=True)
-def _top_of(ty, tx, heights, probabilities, candidate_heights, candidates, rule):
+@_inlined
+def _entry(index, ray):
+    """Where, as t, a beam enters a cell along one axis."""
+    return (index + 1 - ray[4] - ray[0]) * ray[2]
+
+
+@_kernel
+def _top_of(tile, heights, probabilities, candidate_heights, candidates, rule):
     """Highest height or candidate in a tile, as `HeightGrid.tile_top` has it."""
     top = _OBSERVED
-    for y in range(TILE):
-        for x in range(TILE):
-            if probabilities[ty, tx, y, x] >= rule.known:
-                top = max(top, heights[ty, tx, y, x] + TOP_BIAS)
-            if candidates[ty, tx, y, x] > 0:
-                top = max(top, candidate_heights[ty, tx, y, x] + TOP_BIAS)
+    first = np.int64(tile) * _TILE_CELLS
+    for cell in range(first, first + _TILE_CELLS):
+        if probabilities[cell] >= rule.known:
+            top = max(top, heights[cell] + TOP_BIAS)
+        if candidates[cell] > 0:
+            top = max(top, candidate_heights[cell] + TOP_BIAS)
     return top
