@@ -31,7 +31,7 @@ ROOT = Path(__file__).resolve().parent.parent
 MAX_STEP = 10  # [cm] that the robot climbs
 
 # Figure 1
-LASER = (0.0, 0.05, 0.6)  # [m]
+LASER = (0.0, 0.02, 0.6)  # [m], away from the borders of cells
 BOX_X = (1.02, 1.38)  # [m]
 BOX_HEIGHT, GROUND = 0.15, 0.03  # [m] of the box above the ground, of that above ground zero
 HEIGHTS = np.arange(1, 26) / 100.0  # [m] of boxes that are tried
@@ -44,7 +44,7 @@ COARSE = 0.125  # [m]
 PAPER_LAYERS = 16
 LOWEST = -COARSE / 2  # [m] where a layer begins: flat ground at 0 lies in the middle of one
 RAMP_X, RAMP_Y = (4.0, 16.0), (-1.375, 1.375)  # [m] the ramp without its kerb and its cliff
-PART_X, PART_Y = (4.0, 12.0), (-2.0, 2.5)  # [m] what is drawn of the evidence grid
+PART_X, PART_Y = (5.5, 12.0), (-1.75, 2.0)  # [m] what is drawn of the evidence grid
 
 
 def main(arguments: list[str]) -> int:
@@ -54,7 +54,8 @@ def main(arguments: list[str]) -> int:
         return 2
     try:
         directory = Path(arguments[1]) if len(arguments) > 1 else ROOT / "docs"
-        print(json.dumps(figures[arguments[0]](directory), indent=2))
+        directory.mkdir(parents=True, exist_ok=True)
+        print(json.dumps(figures[arguments[0]](directory), indent=2, ensure_ascii=False))
     except InputError as error:
         print(f"paper_figures: {error}", file=sys.stderr)
         return 2
@@ -66,7 +67,7 @@ def fig1(directory: Path) -> dict:
     cubes, coarse = evidence_of_box(0.1, GROUND, BOX_HEIGHT)
     heights = height_map_of_box(GROUND, BOX_HEIGHT)
     hidden = {f"3-D, {r:g} m": share_hidden(r) for r in RESOLUTIONS}
-    hidden["2 1/2-D"] = share_hidden(None)
+    hidden["2½-D"] = share_hidden(None)
     paper_pictures.hidden_obstacle(
         directory / "paper_fig1.png",
         paper_pictures.Box(x=BOX_X, ground=GROUND, height=BOX_HEIGHT),
@@ -197,3 +198,64 @@ def fig2(directory: Path) -> dict:
         "bytes of the octree": grid.tree.memoryUsage(),
         "on the ramp": on_ramp(coarse, heights, truth.top),
     }
+
+
+def map_bag(settings: Params) -> Drive:
+    with Bag(BAG) as bag:
+        topics = bag.scan_topics()
+        mapping = Mapping(params.with_values(settings, {"intake.scan_topics": topics}))
+        readings = []
+        for event in bag.events([*topics, "/odom", "/tf_static"]):
+            if event.topic == "/odom":
+                readings += mapping.take_odometry(event.message)
+            elif event.topic == "/tf_static":
+                readings += mapping.take_transforms(event.message, is_static=True)
+            else:
+                readings += mapping.take_scan(event.topic, event.message)
+        readings += mapping.flush()
+    return Drive(
+        beams=[
+            sensor.beams(r.scan, r.T_map_base, r.T_base_sensor, settings.sensor) for r in readings
+        ],
+        trajectory=np.array([r.T_map_base[0, :3, 3] for r in readings]),
+        heights=mapping.maps()[0],
+    )
+
+
+def on_ramp(coarse: HeightMap, heights: HeightMap, top: NDArray[np.float64]) -> dict:
+    """Steps between neighbours on the smooth ramp that both maps know, and errors of height."""
+    geometry = heights.geometry
+    inside = area(geometry, RAMP_X, RAMP_Y).slices(Area(0, 0, *geometry.shape))
+    known = coarse.known[inside] & heights.known[inside]
+    true = top[inside]
+    counted = {
+        "cells": int(known.sum()),
+        # Between known cells every step is higher than -1.
+        "transitions": blocked_pairs(np.zeros_like(heights.height[inside]), known, -1),
+    }
+    for name, stored in (
+        ("true", np.floor(100 * true + 0.5).astype(np.int16)),
+        ("3-D", coarse.height[inside]),
+        ("2 1/2-D", heights.height[inside]),
+    ):
+        error = np.abs(stored * HEIGHT_RESOLUTION - true)[known]
+        counted[name] = {
+            "blocked": blocked_pairs(stored, known, MAX_STEP),
+            "error p95 [m]": round(float(np.percentile(error, 95)), 3),
+            "error max [m]": round(float(error.max()), 3),
+        }
+    return counted
+
+
+def blocked_pairs(height: NDArray[np.int16], known: NDArray[np.bool_], max_step: int) -> int:
+    """Pairs of neighbours, each once, that differ by more than a step [cm]."""
+    return int(np.unpackbits(blocked_transitions(height, known, max_step)).sum()) // 2
+
+
+def area(geometry: Geometry, x: tuple[float, float], y: tuple[float, float]) -> Area:
+    (iy, ix), (end_y, end_x) = geometry.cell_at([(x[0], y[0]), (x[1], y[1])])
+    return Area(int(iy), int(ix), int(end_y - iy), int(end_x - ix))
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
