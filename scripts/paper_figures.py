@@ -17,14 +17,14 @@ import paper_pictures
 from evidence_grid import EvidenceGrid
 from numpy.typing import NDArray
 
-from heightmap25d_ros import evaluation, params, render, sensor
+from heightmap25d_ros import evaluation, params, render, se3, sensor
 from heightmap25d_ros.bag import Bag
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid import HEIGHT_RESOLUTION, Area, Geometry, HeightGrid, HeightMap
 from heightmap25d_ros.mapper import Mapper
 from heightmap25d_ros.mapping import Mapping
 from heightmap25d_ros.params import GridParams, MapperParams, Params, SensorParams
-from heightmap25d_ros.sensor import Beams
+from heightmap25d_ros.sensor import Beams, Scan
 from heightmap25d_ros.traversability import blocked_transitions, convert
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -99,10 +99,18 @@ def beams_on_box(ground: float, height: float) -> Beams:
     to_face = BOX_X[0] / ahead
     to_box = np.where(to_face * down > LASER[2] - ground - height, to_face, to_top)
     reach = np.where(to_ground * ahead < BOX_X[0], to_ground, to_box)
-    reach, ahead, down = (a[reach * ahead < BOX_X[1]] for a in (reach, ahead, down))
-    origins = np.tile(LASER, (len(reach), 1))
-    ends = origins + np.stack([reach * ahead, np.zeros(len(reach)), -reach * down], axis=1)
-    return Beams(origins=origins, ends=ends, is_hit=np.ones(len(reach), bool))
+    scan = Scan(
+        stamp_ns=0,
+        frame_id="laser",
+        angle_min=below[0],
+        angle_increment=below[1] - below[0],
+        time_increment=0.0,
+        range_min=0.0,
+        range_max=30.0,
+        ranges=np.where(reach * ahead < BOX_X[1], reach, np.nan).astype(np.float32),
+    )
+    T_map_laser = se3.from_xyz_rpy([[*LASER, -np.pi / 2, 0.0, 0.0]])  # scans x and z
+    return sensor.beams(scan, T_map_laser, np.eye(4)[None], SensorParams())
 
 
 def evidence_of_box(resolution: float, ground: float, height: float) -> tuple[NDArray, HeightMap]:

@@ -180,9 +180,7 @@ def shrink(path: Path) -> None:
         picture = opened.convert("RGB")
     drawn = picture.crop(ImageOps.invert(picture).getbbox())
     framed = ImageOps.expand(drawn, border=20, fill="white")
-    framed.quantize(256, kmeans=2, dither=Image.Dither.NONE).save(
-        path, optimize=True
-    )
+    framed.quantize(256, kmeans=2, dither=Image.Dither.NONE).save(path, optimize=True)
 
 
 def _squares(
