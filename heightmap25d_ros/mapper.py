@@ -36,6 +36,8 @@ _OBSERVED = 1  # a tile_top: observed, though none of its cells has a height now
 _TILE_CELLS = TILE * TILE
 _TOUCH = 1e-9  # t, and [cells]: what a beam passes for less than this it only touches
 _LEVEL = 1e-9  # [cm] a beam that falls less than this is taken to fall so much
+_GOLDEN = 2654435761  # spreads the cells over a hash set (Knuth's multiplicative hashing)
+_PROBES = 16  # slots of the set that are tried
 _NEVER = 1e12  # t per cell of a beam that does not leave it
 _kernel = njit(cache=True, error_model="numpy")
 _inlined = njit(cache=True, error_model="numpy", forceinline=True)
@@ -81,6 +83,8 @@ class Mapper:
         self._rule = _Rule(
             candidate=candidate,
             tolerance=round(params.height_tolerance / HEIGHT_RESOLUTION),
+            allowance=round(params.height_allowance / HEIGHT_RESOLUTION) if candidate else 0,
+            clearing_width=params.clearing_width / 2 if candidate else np.inf,
             clearing_margin=params.clearing_margin / HEIGHT_RESOLUTION if candidate else 0.0,
             known=stored_probability(params.probability_threshold),
             lowest=stored_probability(params.probability_min),
@@ -96,6 +100,7 @@ class Mapper:
             beams.origins,
             beams.ends,
             beams.is_hit,
+            beams.is_lone,
             geometry.origin,
             geometry.resolution,
             self.grid.tile_top.shape,
@@ -125,6 +130,8 @@ class _Rule(NamedTuple):
 
     candidate: bool
     tolerance: int
+    allowance: int
+    clearing_width: float
     clearing_margin: float
     known: int
     lowest: int
@@ -176,7 +183,7 @@ def _hit(cell, z, distance, model, rule):
         return z, _stored(given_object, rule), 0, 0  # eq. (1), (2)
     if z >= height - rule.tolerance:
         belief = _bayes(probability, given_object, given_empty, rule)
-        height = max(z, height)
+        height = max(z - rule.allowance, height)
         if candidate_height <= height + rule.tolerance:
             candidate = 0  # the height has grown up to it
         return height, belief, candidate_height, candidate  # eq. (3), (4)
@@ -218,14 +225,17 @@ def _miss(cell, beam_height, distance, model, rule):
 
 @_kernel
 def _integrate(  # noqa: PLR0913
-    origins, ends, is_hit, corner, resolution, tiles,
+    origins, ends, is_hit, is_lone, corner, resolution, tiles,
     heights, probabilities, candidate_heights, candidates, tile_top, tile_changed,
     hit_model, miss_model, rule,
 ):  # fmt: skip
     """Merge beams, shapes (N, 3), (N, 3), (N,); returns the counts of `Integrated`."""
     hits = clipped = outside = 0
     rows, columns = tiles
+    judged = _cells_hit(ends, is_hit, is_lone, corner, resolution, columns, rule)
     for beam in range(len(ends)):
+        if rule.candidate and is_lone[beam]:
+            continue
         origin = _in_cells(origins, beam, corner, resolution)
         end = _in_cells(ends, beam, corner, resolution)
         if not (_is_inside(origin, rows, columns) and _is_inside(end, rows, columns)):
@@ -238,7 +248,7 @@ def _integrate(  # noqa: PLR0913
         )
         _clear(
             origin, end, length, columns, heights, probabilities, candidate_heights, candidates,
-            tile_top, tile_changed, miss_model, rule,
+            tile_top, tile_changed, judged, miss_model, rule,
         )  # fmt: skip
         if not is_hit[beam]:
             continue
@@ -287,7 +297,7 @@ def _content(cell, heights, probabilities, candidate_heights, candidates):
 @_inlined
 def _clear(  # noqa: PLR0913
     origin, end, length, columns, heights, probabilities, candidate_heights, candidates,
-    tile_top, tile_changed, model, rule,
+    tile_top, tile_changed, judged, model, rule,
 ):  # fmt: skip
     """Walk the tiles between the ends of a beam, and in them the cells that may reach it."""
     ray_x, ray_y = _axis(origin[0], end[0]), _axis(origin[1], end[1])
@@ -308,7 +318,7 @@ def _clear(  # noqa: PLR0913
         stop = left if fall < 0.0 else min(left, meets)
         if start < stop and _clear_tile(
             tx, ty, tile, start, stop, ray_x, ray_y, z, fall, length,
-            heights, probabilities, candidate_heights, candidates, model, rule,
+            heights, probabilities, candidate_heights, candidates, judged, model, rule,
         ):  # fmt: skip
             tile_changed[tile] = 1
             tile_top[tile] = _top_of(
@@ -326,7 +336,7 @@ def _clear(  # noqa: PLR0913
 @_inlined
 def _clear_tile(  # noqa: PLR0913
     tx, ty, tile, start, stop, ray_x, ray_y, z, fall, length,
-    heights, probabilities, candidate_heights, candidates, model, rule,
+    heights, probabilities, candidate_heights, candidates, judged, model, rule,
 ):  # fmt: skip
     """Lower the belief in what stands in the beam; whether a cell became unknown by it."""
     is_lost = False
@@ -343,7 +353,13 @@ def _clear_tile(  # noqa: PLR0913
         beam_height = z + middle * fall
         cell = np.uint64(index)
         is_passed = left > max(entered, start) + _TOUCH
-        if is_passed and (heights[cell] >= beam_height or candidates[cell] > 0):
+        stands = heights[cell] >= beam_height and probabilities[cell] >= rule.known
+        held = candidates[cell] > 0 and candidate_heights[cell] >= beam_height
+        if (
+            is_passed
+            and (stands or held)
+            and (not rule.candidate or _may_judge(index, tx, ty, ray_x, ray_y, judged, rule))
+        ):
             before = _content(cell, heights, probabilities, candidate_heights, candidates)
             after = _miss(before, beam_height, middle * length, model, rule)
             probabilities[cell] = after[1]
@@ -358,6 +374,49 @@ def _clear_tile(  # noqa: PLR0913
             index += step_y
             exit_y += across_y
     return is_lost
+
+
+@_kernel
+def _cells_hit(ends, is_hit, is_lone, corner, resolution, columns, rule):
+    """A hash set of the cells that this scan's returns are in; empty for the literal rule."""
+    size = 16
+    while size < 8 * len(ends):
+        size *= 2
+    judged = np.full(size if rule.candidate else 1, np.int64(-1))
+    for beam in range(len(ends)):
+        if rule.candidate and is_hit[beam] and not is_lone[beam]:
+            end = _in_cells(ends, beam, corner, resolution)
+            ix, iy = int(np.floor(end[0])), int(np.floor(end[1]))
+            tile = iy // TILE * columns + ix // TILE
+            _add(tile * _TILE_CELLS + iy % TILE * TILE + ix % TILE, judged)
+    return judged
+
+
+@_inlined
+def _add(cell, judged):
+    """Put a cell into the set; false if it is in it already, or the set is full around it."""
+    mask = len(judged) - 1
+    slot = ((cell * _GOLDEN) >> 20) & mask
+    for _ in range(_PROBES):
+        if judged[slot] == cell:
+            return False
+        if judged[slot] == -1:
+            judged[slot] = cell
+            return True
+        slot = (slot + 1) & mask
+    return False
+
+
+@_kernel
+def _may_judge(index, tx, ty, ray_x, ray_y, judged, rule):
+    """Whether a beam may speak against a cell: it passes the middle, and is the scan's first."""
+    y, x = index % _TILE_CELLS // TILE, index % TILE
+    off_x = tx * TILE + x + 0.5 - ray_x[0]
+    off_y = ty * TILE + y + 0.5 - ray_y[0]
+    across = abs(off_x * ray_y[1] - off_y * ray_x[1])
+    if across > rule.clearing_width * np.hypot(ray_x[1], ray_y[1]):
+        return False
+    return _add(index, judged)
 
 
 @_inlined

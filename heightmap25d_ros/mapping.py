@@ -31,7 +31,9 @@ def compile_kernels(params: Params) -> None:
     scratch = HeightGrid(replace(params.grid, extent=_SCRATCH_EXTENT))
     beam = np.array([[0.0, 0.0, 1.0]])
     Mapper(scratch, params.sensor, params.mapper).integrate(
-        sensor.Beams(origins=beam, ends=beam + 1.0, is_hit=np.ones(1, bool))
+        sensor.Beams(
+            origins=beam, ends=beam + 1.0, is_hit=np.ones(1, bool), is_lone=np.zeros(1, bool)
+        )
     )
     obstacles = ObstacleGrid(scratch.geometry, params.traversability)
     obstacles.update(scratch, params.mapper.probability_threshold)
@@ -157,7 +159,11 @@ class Mapping:
         for reading in readings:
             result = self._mapper.integrate(
                 sensor.beams(
-                    reading.scan, reading.T_map_base, reading.T_base_sensor, self._params.sensor
+                    reading.scan,
+                    reading.T_map_base,
+                    reading.T_base_sensor,
+                    self._params.sensor,
+                    self._params.mapper.lone_return,
                 )
             )
             self.merged["scans"] += 1

@@ -148,7 +148,19 @@ class MapperParams(_Section):
         0.85, "candidate: belief at which it takes the stored height's place", low=0.0, high=1.0
     )
     clearing_margin: float = _parameter(
-        0.05, "candidate: a beam contradicts heights only this far above itself (paper: 0)", "m",
+        0.05, "candidate: a beam contradicts heights only this far above itself", "m",
+        low=0.0, high=1.0,
+    )  # fmt: skip
+    clearing_width: float = _parameter(
+        0.5, "candidate: a beam contradicts a cell whose centre is in a strip this wide", "cells",
+        low=0.0, high=3.0,
+    )  # fmt: skip
+    lone_return: float = _parameter(
+        0.15, "candidate: returns this far from what the beams beside them see are ignored; 0: none",
+        "m", low=0.0, high=100.0,
+    )  # fmt: skip
+    height_allowance: float = _parameter(
+        0.01, "candidate: eq. (3) raises a height to this far below the reading", "m",
         low=0.0, high=1.0,
     )  # fmt: skip
 

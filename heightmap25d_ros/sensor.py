@@ -58,15 +58,52 @@ class Beams:
     is_hit : (N,) bool
         Whether the end is the top of an object as far as this beam can tell; otherwise the
         beam only clears.
+    is_lone : (N,) bool
+        Whether the beams beside it see nothing near the end: a mixed pixel, a phantom.
     """
 
     origins: NDArray[np.float64]
     ends: NDArray[np.float64]
     is_hit: NDArray[np.bool_]
+    is_lone: NDArray[np.bool_]
+
+
+def lone_returns(
+    ranges: NDArray[np.float64], is_return: NDArray[np.bool_], distance: float
+) -> NDArray[np.bool_]:
+    """Returns that the beams beside them contradict: mixed pixels and phantoms.
+
+    A return is supported within ``distance`` of a neighbour's, or of where the line through the
+    two beams next to it on one side leads: along a straight surface the inverse of the range is
+    linear in small angles, however grazing the beams are. A neighbour that measured nothing
+    (NaN) says nothing; one without return (+inf) contradicts.
+
+    Parameters
+    ----------
+    ranges : (N,) float64 [m]
+    is_return : (N,) bool
+    distance : float [m]
+        0: no return is alone.
+    """
+    if distance == 0.0:
+        return np.zeros(len(ranges), bool)
+    inverse = np.full(len(ranges) + 4, np.nan)
+    inverse[2:-2][is_return] = 1.0 / ranges[is_return]
+    before2, before, after, after2 = inverse[:-4], inverse[1:-3], inverse[3:-1], inverse[4:]
+    is_supported = np.zeros(len(ranges), bool)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for expected in (before, after, 2 * before - before2, 2 * after - after2):
+            is_supported |= np.abs(1.0 / expected - ranges) <= distance
+    speaks = np.pad(is_return | (ranges == np.inf), 1)
+    return is_return & ~is_supported & (speaks[:-2] | speaks[2:])
 
 
 def beams(
-    scan: Scan, T_map_base: se3.Matrix, T_base_sensor: se3.Matrix, params: SensorParams
+    scan: Scan,
+    T_map_base: se3.Matrix,
+    T_base_sensor: se3.Matrix,
+    params: SensorParams,
+    lone_return: float = 0.0,
 ) -> Beams:
     """Beams of a scan in the map frame, by REP-117.
 
@@ -81,6 +118,8 @@ def beams(
     T_map_base, T_base_sensor : (N, 4, 4) or (1, 4, 4) float64
         At each beam's own time.
     params : SensorParams
+    lone_return : float [m]
+        How far from its neighbours' a return is alone, see `lone_returns`; 0: none is.
     """
     ranges = scan.ranges.astype(np.float64)
     nearest = max(scan.range_min, params.min_range)
@@ -102,4 +141,9 @@ def beams(
     above_base = ends[:, 2] - base_z
     in_window = (above_base >= params.min_height) & (above_base <= params.max_height)
     is_hit = is_return[used] & (ranges[used] <= params.max_range) & in_window
-    return Beams(origins=np.ascontiguousarray(origins), ends=ends, is_hit=is_hit)
+    return Beams(
+        origins=np.ascontiguousarray(origins),
+        ends=ends,
+        is_hit=is_hit,
+        is_lone=lone_returns(ranges, is_return, lone_return)[used],
+    )

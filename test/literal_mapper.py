@@ -60,18 +60,54 @@ class LiteralMap:
             x, y = (origin[k] + middle * (end[k] - origin[k]) for k in (0, 1))
             yield (math.floor(y / self.resolution), math.floor(x / self.resolution)), middle
 
-    def beam(self, origin, end, is_hit: bool) -> None:
+    def scan(self, origins, ends, is_hit, is_lone) -> None:
+        """The beams of a scan. By the candidate rule a return that stands alone is no beam, the
+        cells that the scan hits lose no belief in it, and no cell loses belief twice.
+        """
+        careful = self.rule.update_rule == "candidate"
+        judged: set[tuple[int, int]] = set()
+        if careful:
+            judged = {
+                self.cell_of(end)
+                for end, hit, lone in zip(ends, is_hit, is_lone, strict=True)
+                if hit and not lone
+            }
+        for origin, end, hit, lone in zip(origins, ends, is_hit, is_lone, strict=True):
+            if not (careful and lone):
+                self.beam(origin, end, hit, judged)
+
+    def cell_of(self, point) -> tuple[int, int]:
+        return math.floor(point[1] / self.resolution), math.floor(point[0] / self.resolution)
+
+    def beam(self, origin, end, is_hit: bool, judged: set[tuple[int, int]]) -> None:
         length = math.dist(origin, end)
-        first, last = (
-            (math.floor(p[1] / self.resolution), math.floor(p[0] / self.resolution))
-            for p in (origin, end)
-        )
+        first, last = self.cell_of(origin), self.cell_of(end)
         for index, t in self.crossed(origin, end):
             if index not in (first, last) and index in self.cells:
                 height = 100 * (origin[2] + t * (end[2] - origin[2]))
-                self.passed(self.cells[index], height, t * length)
+                if self.rule.update_rule == "paper":
+                    self.passed(self.cells[index], height, t * length)
+                elif self.stands_in(self.cells[index], height) and self.is_central(
+                    index, origin, end
+                ):
+                    if index not in judged:
+                        self.passed(self.cells[index], height, t * length)
+                    judged.add(index)
         if is_hit:
             self.hit(self.cells.setdefault(last, Cell()), math.floor(100 * end[2] + 0.5), length)
+
+    def stands_in(self, cell: Cell, beam_height: float) -> bool:
+        beam_height += 100 * self.rule.clearing_margin
+        stored = self.is_known(cell.probability) and cell.height >= beam_height
+        return stored or (cell.candidate is not None and cell.candidate[0] >= beam_height)
+
+    def is_central(self, index, origin, end) -> bool:
+        """Whether the cell's centre is within half the width of the line, seen from above."""
+        center = [(i + 0.5) * self.resolution for i in (index[1], index[0])]
+        dx, dy = end[0] - origin[0], end[1] - origin[1]
+        across = (center[0] - origin[0]) * dy - (center[1] - origin[1]) * dx
+        width = self.rule.clearing_width * self.resolution
+        return abs(across) <= width / 2 * math.hypot(dx, dy)
 
     def passed(self, cell: Cell, beam_height: float, distance: float) -> None:
         given_object = self.likelihood(self.sensor.miss_given_object, distance)
@@ -99,7 +135,8 @@ class LiteralMap:
             else:
                 self.contradict(cell, height, given_object, given_empty, tolerance)
         elif height >= cell.height - tolerance:
-            cell.height = max(cell.height, height)
+            allowance = 0 if self.rule.update_rule == "paper" else self.rule.height_allowance
+            cell.height = max(cell.height, height - round(100 * allowance))
             if cell.candidate is not None and cell.candidate[0] <= cell.height + tolerance:
                 cell.candidate = None  # no longer a contradiction
             cell.probability = self.bayes(cell.probability, given_object, given_empty)

@@ -20,13 +20,19 @@ def mapper(grid=GRID, sensor=SENSOR, **params):
     return Mapper(HeightGrid(grid), sensor, MapperParams(**params))
 
 
-def beams(origin, ends, is_hit=True):
+def beams(origin, ends, is_hit=True, is_lone=False):
     ends = np.atleast_2d(np.asarray(ends, float))
     return Beams(
         origins=np.broadcast_to(np.asarray(origin, float), ends.shape).copy(),
         ends=ends,
         is_hit=np.broadcast_to(is_hit, len(ends)).copy(),
+        is_lone=np.broadcast_to(is_lone, len(ends)).copy(),
     )
+
+
+def elsewhere(scan, origins, ends):
+    """The same scan elsewhere."""
+    return Beams(origins=origins, ends=ends, is_hit=scan.is_hit, is_lone=scan.is_lone)
 
 
 def cell(mapper, x, y):
@@ -54,7 +60,7 @@ def random_scan(rng, count, spread=6.0):
     ends[:, 2] = rng.choice([0.0, 0.05, 0.3, 1.2], count) + rng.normal(0, 0.03, count)
     short = rng.random(count) < 0.1
     ends[short] = origin + rng.uniform(0.1, 0.9, (short.sum(), 1)) * (ends[short] - origin)
-    return beams(origin, ends, rng.random(count) < 0.9)
+    return beams(origin, ends, rng.random(count) < 0.9, rng.random(count) < 0.1)
 
 
 @pytest.mark.parametrize("rule", RULES)
@@ -111,8 +117,7 @@ def test_equals_the_literal_rules_cell_by_cell(
     for _ in range(15):
         scan = random_scan(rng, 60)
         fast.integrate(scan)
-        for origin, end, is_hit in zip(scan.origins, scan.ends, scan.is_hit, strict=True):
-            literal.beam(origin, end, is_hit)
+        literal.scan(scan.origins, scan.ends, scan.is_hit, scan.is_lone)
 
     area = Area(0, 0, *fast.grid.geometry.shape)
     corner = area.rows // 2, area.rows // 2  # cell (0, 0) of the literal map
@@ -252,9 +257,7 @@ def test_moving_the_world_by_whole_cells_moves_the_map(rule, shift, seed):
     here, there = mapper(update_rule=rule), mapper(update_rule=rule)
     for scan in scans:
         here.integrate(scan)
-        there.integrate(
-            Beams(origins=scan.origins + offset, ends=scan.ends + offset, is_hit=scan.is_hit)
-        )
+        there.integrate(elsewhere(scan, scan.origins + offset, scan.ends + offset))
     area = Area(128, 128, 256, 256)
     moved = Area(area.iy + shift[1], area.ix + shift[0], area.rows, area.columns)
     for name in ("height", "probability", "candidate_probability"):
@@ -273,9 +276,7 @@ def test_turning_the_world_by_90_degrees_turns_the_map(rule, seed):
     for _ in range(3):
         scan = random_scan(rng, 100)
         here.integrate(scan)
-        there.integrate(
-            Beams(origins=scan.origins @ quarter.T, ends=scan.ends @ quarter.T, is_hit=scan.is_hit)
-        )
+        there.integrate(elsewhere(scan, scan.origins @ quarter.T, scan.ends @ quarter.T))
     center = here.grid.area.rows // 2
     area = Area(center - 128, center - 128, 256, 256)
     for name in ("height", "probability", "candidate_probability"):
@@ -298,8 +299,9 @@ def test_beams_over_different_cells_may_come_in_any_order(rule, seed):
     one, other = mapper(update_rule=rule), mapper(update_rule=rule)
     for _ in range(3):
         hit = rng.random(80) < 0.9
-        one.integrate(Beams(origins=start, ends=end, is_hit=hit))
-        other.integrate(Beams(origins=start[order], ends=end[order], is_hit=hit[order]))
+        scan = beams(start, end, hit)
+        one.integrate(scan)
+        other.integrate(beams(start[order], end[order], hit[order]))
         end[:, 0] = rng.uniform(-3, 6, 80)
     for name in ("height", "probability", "candidate_height", "candidate_probability"):
         np.testing.assert_array_equal(

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.params import SensorParams
-from heightmap25d_ros.sensor import Scan, beams
+from heightmap25d_ros.sensor import Scan, beams, lone_returns
 
 LEVEL = se3.from_xyz_rpy([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0]])
 UP = SensorParams(max_height=100.0, min_height=-100.0)
@@ -104,3 +104,45 @@ def test_a_beam_is_as_long_as_its_range_and_never_hits_nan(pose, mount, ranges):
     lengths = np.linalg.norm(result.ends - result.origins, axis=1)
     assert lengths == pytest.approx(ranges, rel=1e-5)
     assert np.isfinite(result.ends).all()
+
+
+def lone(ranges, distance=0.15):
+    ranges = np.asarray(ranges, float)
+    is_return = np.isfinite(ranges)
+    return np.flatnonzero(lone_returns(ranges, is_return, distance)).tolist()
+
+
+def test_a_return_between_two_surfaces_is_alone():
+    assert lone([2.0, 2.0, 3.1, 5.0, 5.0]) == [2]
+    assert lone([5.0, 5.0, 1.2, 5.0, 5.0]) == [2]
+    assert lone([np.inf, np.inf, 1.2, np.inf, np.inf]) == [2]
+
+
+def test_a_depth_step_and_its_two_sides_are_not_alone():
+    assert lone([2.0, 2.0, 2.0, 5.0, 5.0, 5.0]) == []
+
+
+def test_a_neighbour_that_measured_nothing_says_nothing():
+    assert lone([1.2]) == []
+    assert lone([np.nan, 1.2, np.nan]) == []
+
+
+def test_without_a_distance_nothing_is_alone():
+    assert lone([2.0, 2.0, 3.1, 5.0, 5.0], distance=0.0) == []
+
+
+@given(tilt=st.floats(0.0, 1.5), noise=st.integers(0, 2**32 - 1))
+def test_no_beam_on_a_straight_wall_is_alone_however_grazing(tilt, noise):
+    """A wall 1 m away, seen up to 40 m along it, with 1 cm of noise."""
+    angles = np.radians(np.arange(-90, 90.5, 0.5))
+    with np.errstate(divide="ignore"):
+        ranges = 1.0 / np.cos(angles - tilt)
+    ranges[(ranges < 0) | (ranges > 40)] = np.nan
+    ranges += np.random.default_rng(noise).normal(0, 0.01, len(ranges))
+    assert lone(ranges) == []
+
+
+def test_beams_know_which_returns_are_alone():
+    ranges = [2.0, 2.0, np.nan, 3.0, 5.0, 5.0]
+    result = beams(scan(ranges, angle_increment=0.01), LEVEL, LEVEL, UP, lone_return=0.15)
+    assert result.is_lone.tolist() == [False, False, True, False, False]
