@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from heightmap25d_ros import se3, sensor
-from heightmap25d_ros.params import SensorParams
+from heightmap25d_ros.params import Params
 from heightmap25d_ros.sensor import Beams, Scan
 
 SEED = 25
@@ -68,8 +68,13 @@ def record(count: int = SCANS) -> list[Recorded]:
 
 def beams(recorded: list[Recorded]) -> list[Beams]:
     """What the mapper takes of each scan, with default parameters."""
-    params = SensorParams()
-    return [sensor.beams(r.scan, r.T_map_base, r.T_base_sensor, params) for r in recorded]
+    params = Params()
+    return [
+        sensor.beams(
+            r.scan, r.T_map_base, r.T_base_sensor, params.sensor, params.mapper.lone_return
+        )
+        for r in recorded
+    ]
 
 
 def describe(scans: list[Beams]) -> dict[str, float]:

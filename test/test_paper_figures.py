@@ -78,7 +78,7 @@ def test_figure_2_the_ramp(tmp_path: Path) -> None:
     straight = steps * (rows + 2 * (rows - 1))
     assert 0.8 * straight < ramp["3-D"]["blocked"] < 1.2 * straight  # 701 of 7889, straight: 768
     assert ramp["true"]["blocked"] == ramp["2 1/2-D"]["blocked"] == 0
-    assert ramp["2 1/2-D"]["error max [m]"] < 0.03  # 0.019
+    assert ramp["2 1/2-D"]["error max [m]"] < 0.03  # 0.014
     assert ramp["3-D"]["error max [m]"] > 0.06  # 0.078: half a layer, and the slope in a cell
 
 

@@ -1,0 +1,322 @@
+// SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+// SPDX-License-Identifier: Apache-2.0
+//
+// The traversal and the rules of heightmap25d_ros/mapper.py in C: the same cells in the same
+// order with the same arithmetic, so that the arrays come out bit for bit the same.
+// benchmarks/mapping.py compiles it (-O3, without fused multiply-add) and calls it by ctypes.
+#include <math.h>
+#include <stdint.h>
+#include <stdlib.h>
+
+#define TILE 16
+#define CELLS (TILE * TILE)
+#define TOP_BIAS 32768
+#define HEIGHT_LIMIT 32700
+#define HEIGHT_RESOLUTION 0.01
+#define PROBABILITY_SCALE 65535
+#define OBSERVED 1
+#define TOUCH 1e-9
+#define LEVEL 1e-9
+#define NEVER 1e12
+#define GOLDEN 2654435761
+#define PROBES 16
+
+typedef struct {
+  double object_near, object_far, empty_near, empty_far, max_range;
+} Likelihoods;
+
+typedef struct {
+  int64_t candidate, tolerance, allowance, known, lowest, highest, candidate_belief;
+  double clearing_margin, clearing_width, replace_belief;
+} Rule;
+
+typedef struct {
+  int64_t tile_rows, tile_columns;
+  double corner_x, corner_y, resolution;
+  int16_t *heights;
+  uint16_t *probabilities;
+  int16_t *candidate_heights;
+  uint16_t *candidates;
+  uint16_t *tile_top;
+  uint8_t *tile_changed;
+} Grid;
+
+typedef struct {
+  int64_t height, probability, candidate_height, candidate;
+} Cell;
+
+typedef struct {
+  int64_t *cells;
+  int64_t mask;
+} Judged;
+
+typedef struct {
+  double origin, extent, t_per_cell;
+  int64_t step, side;
+} Axis;
+
+static inline int64_t min_i(int64_t a, int64_t b) { return a < b ? a : b; }
+static inline int64_t max_i(int64_t a, int64_t b) { return a > b ? a : b; }
+static inline double min_d(double a, double b) { return a < b ? a : b; }
+static inline double max_d(double a, double b) { return a > b ? a : b; }
+static inline int64_t floor_i(double value) { return (int64_t)floor(value); }
+
+static inline void likelihoods(double distance, const Likelihoods *model, double *object,
+                               double *empty) {
+  double far = min_d(distance / model->max_range, 1.0);
+  *object = model->object_near + far * (model->object_far - model->object_near);
+  *empty = model->empty_near + far * (model->empty_far - model->empty_near);
+}
+
+static inline int64_t stored(double probability, const Rule *rule) {
+  int64_t value = (int64_t)(probability * PROBABILITY_SCALE + 0.5);
+  return min_i(max_i(value, rule->lowest), rule->highest);
+}
+
+static inline int64_t bayes(int64_t before, double object, double empty, const Rule *rule) {
+  double prior = (double)before / PROBABILITY_SCALE;
+  double for_object = object * prior;
+  return stored(for_object / (for_object + empty * (1.0 - prior)), rule);
+}
+
+static Cell propose(Cell cell, int64_t z, double object, double empty, const Rule *rule) {
+  if (cell.candidate == 0) {
+    return (Cell){cell.height, cell.probability, z, stored(object, rule)};
+  }
+  int64_t lower = min_i(z, cell.candidate_height), higher = max_i(z, cell.candidate_height);
+  int is_same = higher - lower <= rule->tolerance;
+  int64_t supported = is_same ? higher : lower;
+  int64_t belief = bayes(cell.candidate, object, empty, rule);
+  if (belief < rule->candidate_belief) {
+    return (Cell){cell.height, cell.probability, supported, belief};
+  }
+  return (Cell){supported, belief, higher, is_same ? 0 : stored(object, rule)};
+}
+
+static inline Cell hit(Cell cell, int64_t z, double distance, const Likelihoods *model,
+                       const Rule *rule) {
+  double object, empty;
+  likelihoods(distance, model, &object, &empty);
+  if (cell.probability < rule->known) return (Cell){z, stored(object, rule), 0, 0};
+  if (z > cell.height + rule->tolerance) {
+    if (object < rule->replace_belief) return cell;
+    if (rule->candidate) return propose(cell, z, object, empty, rule);
+    return (Cell){z, stored(object, rule), 0, 0};
+  }
+  if (z >= cell.height - rule->tolerance) {
+    cell.probability = bayes(cell.probability, object, empty, rule);
+    cell.height = max_i(z - rule->allowance, cell.height);
+    if (cell.candidate_height <= cell.height + rule->tolerance) cell.candidate = 0;
+  }
+  return cell;
+}
+
+static inline Cell miss(Cell cell, double beam_height, double distance, const Likelihoods *model,
+                        const Rule *rule) {
+  double object, empty;
+  likelihoods(distance, model, &object, &empty);
+  if (cell.candidate > 0 && (double)cell.candidate_height >= beam_height) {
+    cell.candidate = bayes(cell.candidate, object, empty, rule);
+    if (cell.candidate < rule->known) cell.candidate = 0;
+  }
+  if (cell.probability >= rule->known && (double)cell.height >= beam_height) {
+    cell.probability = bayes(cell.probability, object, empty, rule);
+  }
+  return cell;
+}
+
+static inline Axis axis(double origin, double end) {
+  double extent = end - origin;
+  if (fabs(extent) < TOUCH) return (Axis){origin, extent, NEVER, 1, 1};
+  if (extent > 0.0) return (Axis){origin, extent, 1.0 / extent, 1, 1};
+  return (Axis){origin, extent, 1.0 / extent, -1, 0};
+}
+
+static inline double exit_of(int64_t index, int64_t size, Axis ray) {
+  return ((double)((index + ray.side) * size) - ray.origin) * ray.t_per_cell;
+}
+
+static inline double entry_of(int64_t index, Axis ray) {
+  return ((double)(index + 1 - ray.side) - ray.origin) * ray.t_per_cell;
+}
+
+static inline int add(int64_t cell, Judged judged) {
+  int64_t slot = (int64_t)(((uint64_t)cell * GOLDEN) >> 20) & judged.mask;
+  for (int probe = 0; probe < PROBES; probe++) {
+    if (judged.cells[slot] == cell) return 0;
+    if (judged.cells[slot] == -1) {
+      judged.cells[slot] = cell;
+      return 1;
+    }
+    slot = (slot + 1) & judged.mask;
+  }
+  return 0;
+}
+
+static inline int may_judge(int64_t index, int64_t tx, int64_t ty, Axis ray_x, Axis ray_y,
+                            Judged judged, const Rule *rule) {
+  double off_x = (double)(tx * TILE + index % TILE) + 0.5 - ray_x.origin;
+  double off_y = (double)(ty * TILE + index % CELLS / TILE) + 0.5 - ray_y.origin;
+  double across = fabs(off_x * ray_y.extent - off_y * ray_x.extent);
+  if (across > rule->clearing_width * hypot(ray_x.extent, ray_y.extent)) return 0;
+  return add(index, judged);
+}
+
+static inline Cell cell_of(const Grid *grid, int64_t index) {
+  return (Cell){grid->heights[index], grid->probabilities[index], grid->candidate_heights[index],
+                grid->candidates[index]};
+}
+
+static int64_t top_of(const Grid *grid, int64_t first, const Rule *rule) {
+  int64_t top = OBSERVED;
+  for (int64_t index = first; index < first + CELLS; index++) {
+    if (grid->probabilities[index] >= rule->known) {
+      top = max_i(top, grid->heights[index] + TOP_BIAS);
+    }
+    if (grid->candidates[index] > 0) top = max_i(top, grid->candidate_heights[index] + TOP_BIAS);
+  }
+  return top;
+}
+
+static int clear_tile(const Grid *grid, int64_t tx, int64_t ty, int64_t tile, double start,
+                      double stop, Axis ray_x, Axis ray_y, double z, double fall, double length,
+                      Judged judged, const Likelihoods *model, const Rule *rule) {
+  int is_lost = 0;
+  int64_t x = (int64_t)(ray_x.origin + start * ray_x.extent) - tx * TILE;
+  int64_t y = (int64_t)(ray_y.origin + start * ray_y.extent) - ty * TILE;
+  x = min_i(max_i(x, 0), TILE - 1);
+  y = min_i(max_i(y, 0), TILE - 1);
+  double exit_x = exit_of(tx * TILE + x, 1, ray_x), exit_y = exit_of(ty * TILE + y, 1, ray_y);
+  double across_x = fabs(ray_x.t_per_cell), across_y = fabs(ray_y.t_per_cell);
+  double entered = max_d(exit_x - across_x, exit_y - across_y);
+  int64_t index = tile * CELLS + y * TILE + x;
+  while (entered < stop - TOUCH) {
+    double left = min_d(exit_x, exit_y);
+    double middle = 0.5 * (entered + left);
+    double beam_height = z + middle * fall;
+    int stands = grid->heights[index] >= beam_height && grid->probabilities[index] >= rule->known;
+    int held = grid->candidates[index] > 0 && grid->candidate_heights[index] >= beam_height;
+    if (left > max_d(entered, start) + TOUCH && (stands || held) &&
+        (!rule->candidate || may_judge(index, tx, ty, ray_x, ray_y, judged, rule))) {
+      Cell before = cell_of(grid, index);
+      Cell after = miss(before, beam_height, middle * length, model, rule);
+      grid->probabilities[index] = (uint16_t)after.probability;
+      if (before.candidate) grid->candidates[index] = (uint16_t)after.candidate;
+      is_lost |= after.probability < rule->known && rule->known <= before.probability;
+    }
+    entered = left;
+    if (exit_x < exit_y) {
+      index += ray_x.step;
+      exit_x += across_x;
+    } else {
+      index += ray_y.step * TILE;
+      exit_y += across_y;
+    }
+  }
+  return is_lost;
+}
+
+static inline void clear(const Grid *grid, const double *origin, const double *end, double length,
+                         Judged judged, const Likelihoods *model, const Rule *rule) {
+  Axis ray_x = axis(origin[0], end[0]), ray_y = axis(origin[1], end[1]);
+  double entered =
+      min_d(exit_of((int64_t)origin[0], 1, ray_x), exit_of((int64_t)origin[1], 1, ray_y));
+  double last = max_d(entry_of((int64_t)end[0], ray_x), entry_of((int64_t)end[1], ray_y));
+  double z = origin[2] + rule->clearing_margin, fall = end[2] - origin[2];
+  if (fabs(fall) < LEVEL) fall = -LEVEL;
+  int64_t tx = (int64_t)origin[0] / TILE, ty = (int64_t)origin[1] / TILE;
+  double exit_x = exit_of(tx, TILE, ray_x), exit_y = exit_of(ty, TILE, ray_y);
+  double across_x = fabs(ray_x.t_per_cell) * TILE, across_y = fabs(ray_y.t_per_cell) * TILE;
+  while (entered < last) {
+    double left = min_d(min_d(exit_x, exit_y), last);
+    int64_t tile = ty * grid->tile_columns + tx;
+    double meets = ((double)(grid->tile_top[tile] - TOP_BIAS) - z) / fall;
+    double start = fall < 0.0 ? max_d(entered, meets) : entered;
+    double stop = fall < 0.0 ? left : min_d(left, meets);
+    if (start < stop && clear_tile(grid, tx, ty, tile, start, stop, ray_x, ray_y, z, fall, length,
+                                   judged, model, rule)) {
+      grid->tile_changed[tile] = 1;
+      grid->tile_top[tile] = (uint16_t)top_of(grid, tile * CELLS, rule);
+    }
+    entered = left;
+    if (exit_x < exit_y) {
+      tx += ray_x.step;
+      exit_x += across_x;
+    } else {
+      ty += ray_y.step;
+      exit_y += across_y;
+    }
+  }
+}
+
+static inline void in_cells(const Grid *grid, const double *point, double *cells) {
+  cells[0] = (point[0] - grid->corner_x) / grid->resolution;
+  cells[1] = (point[1] - grid->corner_y) / grid->resolution;
+  cells[2] = point[2] / HEIGHT_RESOLUTION;
+}
+
+static inline int is_inside(const Grid *grid, const double *point) {
+  return 0.0 <= point[0] && point[0] < (double)(grid->tile_columns * TILE) && 0.0 <= point[1] &&
+         point[1] < (double)(grid->tile_rows * TILE);
+}
+
+static Judged cells_hit(const double *ends, const uint8_t *is_hit, const uint8_t *is_lone,
+                        int64_t count, const Grid *grid, const Rule *rule) {
+  int64_t size = 16;
+  while (size < 8 * count) size *= 2;
+  if (!rule->candidate) size = 1;
+  Judged judged = {malloc((size_t)size * sizeof(int64_t)), size - 1};
+  for (int64_t slot = 0; slot < size; slot++) judged.cells[slot] = -1;
+  for (int64_t beam = 0; rule->candidate && beam < count; beam++) {
+    if (!is_hit[beam] || is_lone[beam]) continue;
+    double end[3];
+    in_cells(grid, ends + 3 * beam, end);
+    int64_t ix = floor_i(end[0]), iy = floor_i(end[1]);
+    int64_t tile = (iy >> 4) * grid->tile_columns + (ix >> 4);
+    add(tile * CELLS + (iy & (TILE - 1)) * TILE + (ix & (TILE - 1)), judged);
+  }
+  return judged;
+}
+
+void integrate(const double *origins, const double *ends, const uint8_t *is_hit,
+               const uint8_t *is_lone, int64_t count, const Grid *grid,
+               const Likelihoods *hit_model, const Likelihoods *miss_model, const Rule *rule,
+               int64_t *counts) {
+  Judged judged = cells_hit(ends, is_hit, is_lone, count, grid, rule);
+  for (int64_t beam = 0; beam < count; beam++) {
+    if (rule->candidate && is_lone[beam]) continue;
+    const double *from = origins + 3 * beam, *to = ends + 3 * beam;
+    double origin[3], end[3];
+    in_cells(grid, from, origin);
+    in_cells(grid, to, end);
+    if (!is_inside(grid, origin) || !is_inside(grid, end)) {
+      counts[2] += is_hit[beam];
+      continue;
+    }
+    double dx = to[0] - from[0], dy = to[1] - from[1], dz = to[2] - from[2];
+    double length = sqrt(dx * dx + dy * dy + dz * dz);
+    clear(grid, origin, end, length, judged, miss_model, rule);
+    if (!is_hit[beam]) continue;
+    int64_t ix = (int64_t)end[0], iy = (int64_t)end[1];
+    int64_t z = floor_i(end[2] + 0.5);
+    counts[1] += llabs(z) > HEIGHT_LIMIT;
+    z = min_i(max_i(z, -HEIGHT_LIMIT), HEIGHT_LIMIT);
+    int64_t tile = iy / TILE * grid->tile_columns + ix / TILE;
+    int64_t index = tile * CELLS + iy % TILE * TILE + ix % TILE;
+    Cell before = cell_of(grid, index);
+    Cell after = hit(before, z, length, hit_model, rule);
+    grid->heights[index] = (int16_t)after.height;
+    grid->probabilities[index] = (uint16_t)after.probability;
+    if (after.candidate || before.candidate) {
+      grid->candidate_heights[index] = (int16_t)after.candidate_height;
+      grid->candidates[index] = (uint16_t)after.candidate;
+    }
+    if (after.height != before.height || before.probability < rule->known) {
+      grid->tile_changed[tile] = 1;
+    }
+    int64_t top = max_i(after.height, z) + TOP_BIAS;
+    grid->tile_top[tile] = (uint16_t)max_i(grid->tile_top[tile], top);
+    counts[0]++;
+  }
+  free(judged.cells);
+}

@@ -1,0 +1,36 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The mapping node, noting when each scan was merged.  Usage: measured_node.py FILE"""
+
+import json
+import sys
+import time
+from pathlib import Path
+
+from heightmap25d_ros.mapping import Mapping
+from heightmap25d_ros.nodes import mapping, process
+
+merged: dict[str, float] = {}
+made: list[Mapping] = []
+
+
+class MeasuredMapping(Mapping):
+    def __init__(self, params):
+        super().__init__(params)
+        made.append(self)
+
+    def _merge(self, readings):
+        for reading in readings:
+            super()._merge([reading])
+            merged[f"/{reading.topic} {reading.scan.stamp_ns}"] = time.time()
+        return readings
+
+
+if __name__ == "__main__":
+    file = Path(sys.argv[1])
+    mapping.Mapping = MeasuredMapping
+    process.run(
+        mapping.MappingNode,
+        ["measured_node", "--ros-args", "-p", "intake.scan_topics:=[scan, scan_down]"],
+    )
+    file.write_text(json.dumps({"merged": merged, "dropped": made[0].dropped.total()}))

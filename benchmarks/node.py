@@ -1,0 +1,130 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The mapping node under two lasers of 361 beams at 37.5 Hz each: CPU, latency, drops.
+
+The node runs in a process of its own (`measured_node.py`: the product's node, with a clock at
+the place where a scan has been merged); this process replays bags/ramp in real time.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rclpy
+from nav_msgs.msg import OccupancyGrid, Odometry
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from sensor_msgs.msg import LaserScan
+from tf2_msgs.msg import TFMessage
+
+from heightmap25d_ros.bag import Bag
+
+RAMP = Path(__file__).parent.parent / "bags" / "ramp"
+TYPES = {"/scan": LaserScan, "/scan_down": LaserScan, "/odom": Odometry, "/tf_static": TFMessage}
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def measure() -> dict[str, float]:
+    """With and without somebody who listens to the maps."""
+    os.environ["ROS_DOMAIN_ID"] = str(os.getpid() % 100 + 1)
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    rclpy.init()
+    figures: dict[str, float] = {}
+    for name, is_listening in (("nobody listens", False), ("map and cost_map at 2 Hz", True)):
+        for figure, value in _run(is_listening).items():
+            figures[f"{name}: {figure}"] = value
+    rclpy.shutdown()
+    return figures
+
+
+def _run(is_listening: bool) -> dict[str, float]:
+    node = rclpy.create_node("benchmark")
+    if is_listening:
+        for topic in ("map", "cost_map"):
+            node.create_subscription(OccupancyGrid, topic, lambda _: None, LATCHED)
+    with tempfile.TemporaryDirectory() as directory:
+        file = Path(directory) / "merged.json"
+        process = subprocess.Popen(
+            [sys.executable, Path(__file__).with_name("measured_node.py"), str(file)]
+        )
+        published, seconds = _publish(node)
+        cpu_seconds = _cpu_seconds(process.pid) - published.pop("cpu before")
+        time.sleep(0.5)
+        process.send_signal(signal.SIGINT)
+        process.wait(timeout=30)
+        merged = json.loads(file.read_text())
+    node.destroy_node()
+    latency = [
+        1e3 * (merged["merged"][key] - sent)
+        for key, sent in published.items()
+        if key in merged["merged"]
+    ]
+    p50, p99 = np.percentile(latency, [50, 99])
+    return {
+        "CPU [s per s]": cpu_seconds / seconds,
+        "latency p50 [ms]": float(p50),
+        "latency p99 [ms]": float(p99),
+        "scans published": len(published),
+        "scans not merged": len(published) - len(latency),
+        "messages dropped": merged["dropped"],
+    }
+
+
+def _publish(node: Node) -> tuple[dict[str, float], float]:
+    """Play the bag in real time; when each scan was published, by topic and stamp."""
+    publishers: dict[str, Any] = {
+        topic: node.create_publisher(kind, topic, _profile(topic)) for topic, kind in TYPES.items()
+    }
+    while not all(publisher.get_subscription_count() for publisher in publishers.values()):
+        time.sleep(0.05)
+    time.sleep(1.0)
+    pid = _pid_of_node()
+    published = {"cpu before": _cpu_seconds(pid)}
+    with Bag(RAMP) as bag:
+        events = list(bag.raw_events(list(TYPES)))
+    began = time.time()
+    for event in events:
+        due = began + (event.stamp_ns - events[0].stamp_ns) * 1e-9
+        time.sleep(max(due - time.time(), 0.0))
+        if event.topic.startswith("/scan"):
+            published[f"{event.topic} {_stamp_ns(event.data)}"] = time.time()
+        publishers[event.topic].publish(event.data)
+        rclpy.spin_once(node, timeout_sec=0.0)
+    return published, time.time() - began
+
+
+def _profile(topic: str) -> QoSProfile:
+    if topic == "/tf_static":
+        return LATCHED
+    return qos_profile_sensor_data if topic.startswith("/scan") else QoSProfile(depth=100)
+
+
+def _stamp_ns(data: bytes) -> int:
+    """Of the header at the beginning of a serialized message (CDR, little-endian)."""
+    sec, nanosec = np.frombuffer(data[4:12], "<u4").tolist()
+    return sec * 10**9 + nanosec
+
+
+def _pid_of_node() -> int:
+    pattern = "measured_node.py"
+    found = subprocess.run(["pgrep", "-f", pattern], check=True, capture_output=True, text=True)
+    return int(found.stdout.split()[0])
+
+
+def _cpu_seconds(pid: int) -> float:
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+if __name__ == "__main__":
+    for figure, value in measure().items():
+        print(f"{figure:45} {value:,.4g}")

@@ -1,0 +1,89 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""All measurements, as a table with their targets and as out/bench.json: `make bench`."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import subprocess
+import tempfile
+from pathlib import Path
+
+import conversion
+import mapping
+import memory
+import node
+import numba
+import numpy as np
+
+ROOT = Path(__file__).parent.parent
+OUT = ROOT / "out" / "bench.json"
+
+# Of a section's figures: at least or at most so much.
+TARGETS = {
+    ("mapping", "ours / OctoMap"): (">=", 100.0),
+    ("mapping", "ours / numpy"): (">=", 15.0),
+    ("mapping", "time of ours / time of C"): ("<=", 1.25),
+    ("conversion", "scipy_max_min_per_step_obstacles"): (">=", 50.0),
+    ("conversion", "step_obstacles_per_one_pass"): ("<=", 4.0),
+    ("conversion", "convert_per_update_block"): (">=", 80.0),
+    ("node", "nobody listens: scans not merged"): ("<=", 1.0),
+    ("node", "map and cost_map at 2 Hz: scans not merged"): ("<=", 1.0),
+    ("node", "map and cost_map at 2 Hz: messages dropped"): ("<=", 0.0),
+}
+
+
+def main() -> None:
+    figures = {
+        "machine": machine(),
+        "mapping": mapping.measure(),
+        "conversion": conversion.measure(),
+        "memory": memory.measure(),
+        "node": node.measure(),
+        "command line": command_line(),
+    }
+    OUT.parent.mkdir(exist_ok=True)
+    OUT.write_text(json.dumps(figures, indent=2) + "\n")
+    for section, values in figures.items():
+        print(f"\n{section}")
+        for name, value in values.items():
+            text = f"{value:,.4g}" if isinstance(value, float) else f"{value}"
+            print(f"  {name:48} {text:>16}  {verdict(section, name, value)}")
+
+
+def verdict(section: str, name: str, value: float) -> str:
+    if (section, name) not in TARGETS:
+        return ""
+    relation, bound = TARGETS[section, name]
+    is_met = value >= bound if relation == ">=" else value <= bound
+    return f"{relation} {bound:g}: {'met' if is_met else 'MISSED'}"
+
+
+def machine() -> dict[str, str]:
+    info = Path("/proc/cpuinfo").read_text()
+    model = next(line for line in info.splitlines() if line.startswith("model name"))
+    return {
+        "processor": model.partition(":")[2].strip(),
+        "cores": str(os.cpu_count()),
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "numba": numba.__version__,
+    }
+
+
+def command_line() -> dict[str, float]:
+    """`heightmap25d map` on the project's bag."""
+    with tempfile.TemporaryDirectory() as directory:
+        command = ["heightmap25d", "map", ROOT / "bags" / "ramp", "--json", "-o"]
+        done = subprocess.run(
+            [*command, Path(directory) / "map"], check=True, capture_output=True, text=True
+        )
+    figures = json.loads(done.stdout)
+    names = ("x real time", "ms per scan p50", "ms per scan p95", "ms per scan p99")
+    return {name: float(figures[name]) for name in names}
+
+
+if __name__ == "__main__":
+    main()
