@@ -156,7 +156,7 @@ class MapperParams(_Section):
         low=0.0, high=3.0,
     )  # fmt: skip
     lone_return: float = _parameter(
-        0.15, "candidate: returns this far from what the beams beside them see are ignored; 0: none",
+        0.15, "candidate: returns this far from what the beams beside see are ignored; 0: none",
         "m", low=0.0, high=100.0,
     )  # fmt: skip
     height_allowance: float = _parameter(

@@ -108,9 +108,9 @@ def beams(
     """Beams of a scan in the map frame, by REP-117.
 
     +inf: no return, clears to ``clearing_range`` or ``range_max``, the nearer one. NaN, -inf and
-    values outside of ``range_min .. range_max`` or below ``min_range``: no beam. Returns beyond ``max_range``
-    clear up to there, and returns outside of the window ``min_height .. max_height`` above
-    base_link clear up to the return; neither hits.
+    values outside of ``range_min .. range_max`` or below ``min_range``: no beam. Returns beyond
+    ``max_range`` clear up to there, and returns outside of the window
+    ``min_height .. max_height`` above base_link clear up to the return; neither hits.
 
     Parameters
     ----------
