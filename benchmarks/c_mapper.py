@@ -37,7 +37,7 @@ class _Rule(ctypes.Structure):
 class _Grid(ctypes.Structure):
     _fields_ = [
         *((name, ctypes.c_int64) for name in ("tile_rows", "tile_columns")),
-        *((name, ctypes.c_double) for name in ("corner_x", "corner_y", "resolution")),
+        *((name, ctypes.c_double) for name in ("corner_x", "corner_y", "cells_per_metre")),
         *((name, ctypes.c_void_p) for name in ("heights", "probabilities", "candidate_heights")),
         *((name, ctypes.c_void_p) for name in ("candidates", "tile_top", "tile_changed")),
     ]
@@ -85,7 +85,7 @@ class CMapper:
         c_grid = _Grid(
             *grid.tile_top.shape,
             *geometry.origin,
-            geometry.resolution,
+            1.0 / geometry.resolution,
             *(array.ctypes.data for array in arrays),
         )
         self._counts = (ctypes.c_int64 * 3)()

@@ -15,9 +15,10 @@
 #define HEIGHT_RESOLUTION 0.01
 #define PROBABILITY_SCALE 65535
 #define OBSERVED 1
-#define TOUCH 1e-9
-#define LEVEL 1e-9
-#define NEVER 1e12
+#define TICKS 0x1p40
+#define FEW 1024
+#define ENDLESS 0x1p57
+#define LEVEL 0.25
 #define GOLDEN 2654435761
 #define PROBES 16
 
@@ -32,7 +33,7 @@ typedef struct {
 
 typedef struct {
   int64_t tile_rows, tile_columns;
-  double corner_x, corner_y, resolution;
+  double corner_x, corner_y, cells_per_metre;
   int16_t *heights;
   uint16_t *probabilities;
   int16_t *candidate_heights;
@@ -51,8 +52,9 @@ typedef struct {
 } Judged;
 
 typedef struct {
-  double origin, extent, t_per_cell;
+  double origin;
   int64_t step, side;
+  double cells, ticks;
 } Axis;
 
 static inline int64_t min_i(int64_t a, int64_t b) { return a < b ? a : b; }
@@ -74,9 +76,9 @@ static inline int64_t stored(double probability, const Rule *rule) {
 }
 
 static inline int64_t bayes(int64_t before, double object, double empty, const Rule *rule) {
-  double prior = (double)before / PROBABILITY_SCALE;
-  double for_object = object * prior;
-  return stored(for_object / (for_object + empty * (1.0 - prior)), rule);
+  double for_object = object * (double)before;
+  double for_empty = empty * (double)(PROBABILITY_SCALE - before);
+  return stored(for_object / (for_object + for_empty), rule);
 }
 
 static Cell propose(Cell cell, int64_t z, double object, double empty, const Rule *rule) {
@@ -126,18 +128,21 @@ static inline Cell miss(Cell cell, double beam_height, double distance, const Li
 }
 
 static inline Axis axis(double origin, double end) {
-  double extent = end - origin;
-  if (fabs(extent) < TOUCH) return (Axis){origin, extent, NEVER, 1, 1};
-  if (extent > 0.0) return (Axis){origin, extent, 1.0 / extent, 1, 1};
-  return (Axis){origin, extent, 1.0 / extent, -1, 0};
+  double extent = end - origin, ticks = min_d(TICKS / fabs(extent), ENDLESS);
+  if (extent < 0.0) return (Axis){origin, -1, 0, extent / TICKS, -ticks};
+  return (Axis){origin, 1, 1, extent / TICKS, ticks};
 }
 
-static inline double exit_of(int64_t index, int64_t size, Axis ray) {
-  return ((double)((index + ray.side) * size) - ray.origin) * ray.t_per_cell;
+static inline int64_t exit_of(double index, int64_t size, Axis axis) {
+  return (int64_t)(((index + (double)axis.side) * (double)size - axis.origin) * axis.ticks);
 }
 
-static inline double entry_of(int64_t index, Axis ray) {
-  return ((double)(index + 1 - ray.side) - ray.origin) * ray.t_per_cell;
+static inline int64_t across_of(int64_t size, Axis axis) {
+  return (int64_t)(fabs(axis.ticks) * (double)size);
+}
+
+static inline int64_t entry_of(double index, Axis axis) {
+  return exit_of(index, 1, axis) - across_of(1, axis);
 }
 
 static inline int add(int64_t cell, Judged judged) {
@@ -153,12 +158,13 @@ static inline int add(int64_t cell, Judged judged) {
   return 0;
 }
 
-static inline int may_judge(int64_t index, int64_t tx, int64_t ty, Axis ray_x, Axis ray_y,
-                            Judged judged, const Rule *rule) {
-  double off_x = (double)(tx * TILE + index % TILE) + 0.5 - ray_x.origin;
-  double off_y = (double)(ty * TILE + index % CELLS / TILE) + 0.5 - ray_y.origin;
-  double across = fabs(off_x * ray_y.extent - off_y * ray_x.extent);
-  if (across > rule->clearing_width * hypot(ray_x.extent, ray_y.extent)) return 0;
+static inline int may_judge(int64_t index, double middle, Axis x, Axis y, Judged judged,
+                            const Rule *rule) {
+  double off_x = (double)(int64_t)(x.origin + middle * x.cells) + 0.5 - x.origin;
+  double off_y = (double)(int64_t)(y.origin + middle * y.cells) + 0.5 - y.origin;
+  double across = off_x * y.cells - off_y * x.cells;
+  double width = rule->clearing_width;
+  if (across * across > width * width * (x.cells * x.cells + y.cells * y.cells)) return 0;
   return add(index, judged);
 }
 
@@ -178,38 +184,42 @@ static int64_t top_of(const Grid *grid, int64_t first, const Rule *rule) {
   return top;
 }
 
-static int clear_tile(const Grid *grid, int64_t tx, int64_t ty, int64_t tile, double start,
-                      double stop, Axis ray_x, Axis ray_y, double z, double fall, double length,
-                      Judged judged, const Likelihoods *model, const Rule *rule) {
+static inline int is_contradicted(Cell cell, double beam_height, const Rule *rule) {
+  int stands = (double)cell.height >= beam_height && cell.probability >= rule->known;
+  return stands || (cell.candidate > 0 && (double)cell.candidate_height >= beam_height);
+}
+
+static inline int clear_tile(const Grid *grid, int64_t tile, int64_t start, int64_t stop, Axis x,
+                             Axis y, double z, double fall, double distance, double metres,
+                             Judged judged, const Likelihoods *model, const Rule *rule) {
   int is_lost = 0;
-  int64_t x = (int64_t)(ray_x.origin + start * ray_x.extent) - tx * TILE;
-  int64_t y = (int64_t)(ray_y.origin + start * ray_y.extent) - ty * TILE;
-  x = min_i(max_i(x, 0), TILE - 1);
-  y = min_i(max_i(y, 0), TILE - 1);
-  double exit_x = exit_of(tx * TILE + x, 1, ray_x), exit_y = exit_of(ty * TILE + y, 1, ray_y);
-  double across_x = fabs(ray_x.t_per_cell), across_y = fabs(ray_y.t_per_cell);
-  double entered = max_d(exit_x - across_x, exit_y - across_y);
-  int64_t index = tile * CELLS + y * TILE + x;
-  while (entered < stop - TOUCH) {
-    double left = min_d(exit_x, exit_y);
-    double middle = 0.5 * (entered + left);
-    double beam_height = z + middle * fall;
-    int stands = grid->heights[index] >= beam_height && grid->probabilities[index] >= rule->known;
-    int held = grid->candidates[index] > 0 && grid->candidate_heights[index] >= beam_height;
-    if (left > max_d(entered, start) + TOUCH && (stands || held) &&
-        (!rule->candidate || may_judge(index, tx, ty, ray_x, ray_y, judged, rule))) {
+  double ix = floor(x.origin + (double)(start + FEW) * x.cells);
+  double iy = floor(y.origin + (double)(start + FEW) * y.cells);
+  int64_t exit_x = exit_of(ix, 1, x), exit_y = exit_of(iy, 1, y);
+  int64_t across_x = across_of(1, x), across_y = across_of(1, y);
+  int64_t entered = max_i(exit_x - across_x, exit_y - across_y);
+  int64_t index = tile * CELLS + ((int64_t)iy & (TILE - 1)) * TILE + ((int64_t)ix & (TILE - 1));
+  while (entered < stop - FEW) {
+    int64_t left = min_i(exit_x, exit_y);
+    double middle = 0.5 * (double)(entered + left);
+    double beam_height = z - middle * fall;
+    if ((grid->heights[index] >= beam_height || grid->candidates[index] > 0) &&
+        left - entered > FEW) {
       Cell before = cell_of(grid, index);
-      Cell after = miss(before, beam_height, middle * length, model, rule);
-      grid->probabilities[index] = (uint16_t)after.probability;
-      if (before.candidate) grid->candidates[index] = (uint16_t)after.candidate;
-      is_lost |= after.probability < rule->known && rule->known <= before.probability;
+      if (is_contradicted(before, beam_height, rule) &&
+          (!rule->candidate || may_judge(index, middle, x, y, judged, rule))) {
+        Cell after = miss(before, beam_height, distance + middle * metres, model, rule);
+        grid->probabilities[index] = (uint16_t)after.probability;
+        if (before.candidate) grid->candidates[index] = (uint16_t)after.candidate;
+        is_lost |= after.probability < rule->known && rule->known <= before.probability;
+      }
     }
     entered = left;
     if (exit_x < exit_y) {
-      index += ray_x.step;
+      index += x.step;
       exit_x += across_x;
     } else {
-      index += ray_y.step * TILE;
+      index += y.step * TILE;
       exit_y += across_y;
     }
   }
@@ -218,41 +228,44 @@ static int clear_tile(const Grid *grid, int64_t tx, int64_t ty, int64_t tile, do
 
 static inline void clear(const Grid *grid, const double *origin, const double *end, double length,
                          Judged judged, const Likelihoods *model, const Rule *rule) {
-  Axis ray_x = axis(origin[0], end[0]), ray_y = axis(origin[1], end[1]);
-  double entered =
-      min_d(exit_of((int64_t)origin[0], 1, ray_x), exit_of((int64_t)origin[1], 1, ray_y));
-  double last = max_d(entry_of((int64_t)end[0], ray_x), entry_of((int64_t)end[1], ray_y));
-  double z = origin[2] + rule->clearing_margin, fall = end[2] - origin[2];
-  if (fabs(fall) < LEVEL) fall = -LEVEL;
-  int64_t tx = (int64_t)origin[0] / TILE, ty = (int64_t)origin[1] / TILE;
-  double exit_x = exit_of(tx, TILE, ray_x), exit_y = exit_of(ty, TILE, ray_y);
-  double across_x = fabs(ray_x.t_per_cell) * TILE, across_y = fabs(ray_y.t_per_cell) * TILE;
-  while (entered < last) {
-    double left = min_d(min_d(exit_x, exit_y), last);
-    int64_t tile = ty * grid->tile_columns + tx;
-    double meets = ((double)(grid->tile_top[tile] - TOP_BIAS) - z) / fall;
-    double start = fall < 0.0 ? max_d(entered, meets) : entered;
-    double stop = fall < 0.0 ? left : min_d(left, meets);
-    if (start < stop && clear_tile(grid, tx, ty, tile, start, stop, ray_x, ray_y, z, fall, length,
-                                   judged, model, rule)) {
-      grid->tile_changed[tile] = 1;
-      grid->tile_top[tile] = (uint16_t)top_of(grid, tile * CELLS, rule);
+  int rises = origin[2] < end[2];
+  const double *upper = rises ? end : origin, *lower = rises ? origin : end;
+  double distance = rises ? length : 0.0, metres = (rises ? -length : length) / TICKS;
+  Axis x = axis(upper[0], lower[0]), y = axis(upper[1], lower[1]);
+  int64_t first = min_i(exit_of(floor(upper[0]), 1, x), exit_of(floor(upper[1]), 1, y));
+  int64_t last = max_i(entry_of(floor(lower[0]), x), entry_of(floor(lower[1]), y)) - FEW;
+  double z = upper[2] + rule->clearing_margin, fall = upper[2] - lower[2];
+  double ticks_per_cm = TICKS / max_d(fall, LEVEL);
+  int64_t tx = (int64_t)upper[0] / TILE, ty = (int64_t)upper[1] / TILE;
+  int64_t tile = ty * grid->tile_columns + tx;
+  int64_t exit_x = exit_of((double)tx, TILE, x), exit_y = exit_of((double)ty, TILE, y);
+  int64_t across_x = across_of(TILE, x), across_y = across_of(TILE, y);
+  int64_t last_tx = (int64_t)lower[0] / TILE, last_ty = (int64_t)lower[1] / TILE;
+  for (int64_t left = 1 + llabs(last_tx - tx) + llabs(last_ty - ty); left > 0; left--) {
+    int64_t stop = min_i(min_i(exit_x, exit_y), last);
+    int64_t meets = (int64_t)((z - (double)(grid->tile_top[tile] - TOP_BIAS)) * ticks_per_cm);
+    if (meets < stop) {
+      int64_t start = max_i(max_i(first, meets), max_i(exit_x - across_x, exit_y - across_y));
+      if (clear_tile(grid, tile, start, stop, x, y, z, fall / TICKS, distance, metres, judged,
+                     model, rule)) {
+        grid->tile_changed[tile] = 1;
+        grid->tile_top[tile] = (uint16_t)top_of(grid, tile * CELLS, rule);
+      }
     }
-    entered = left;
     if (exit_x < exit_y) {
-      tx += ray_x.step;
+      tile += x.step;
       exit_x += across_x;
     } else {
-      ty += ray_y.step;
+      tile += y.step * grid->tile_columns;
       exit_y += across_y;
     }
   }
 }
 
 static inline void in_cells(const Grid *grid, const double *point, double *cells) {
-  cells[0] = (point[0] - grid->corner_x) / grid->resolution;
-  cells[1] = (point[1] - grid->corner_y) / grid->resolution;
-  cells[2] = point[2] / HEIGHT_RESOLUTION;
+  cells[0] = (point[0] - grid->corner_x) * grid->cells_per_metre;
+  cells[1] = (point[1] - grid->corner_y) * grid->cells_per_metre;
+  cells[2] = point[2] * (1.0 / HEIGHT_RESOLUTION);
 }
 
 static inline int is_inside(const Grid *grid, const double *point) {
@@ -263,7 +276,7 @@ static inline int is_inside(const Grid *grid, const double *point) {
 static Judged cells_hit(const double *ends, const uint8_t *is_hit, const uint8_t *is_lone,
                         int64_t count, const Grid *grid, const Rule *rule) {
   int64_t size = 16;
-  while (size < 8 * count) size *= 2;
+  while (size < 4 * count) size *= 2;
   if (!rule->candidate) size = 1;
   Judged judged = {malloc((size_t)size * sizeof(int64_t)), size - 1};
   for (int64_t slot = 0; slot < size; slot++) judged.cells[slot] = -1;

@@ -11,7 +11,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter
+from scipy.ndimage import maximum_filter, minimum_filter
 
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid import HEIGHT_RESOLUTION, Area, Geometry, HeightMap
@@ -21,6 +21,11 @@ from heightmap25d_ros.traversability import blocked_transitions
 
 LARGE_ERROR = 0.10
 """An error of a height beyond this is counted [m]: the robot's climbing height."""
+
+
+FLAT, STEP = 0.02, 0.10
+"""Differences of neighbouring tops [m]: up to the first the world is flat, up to the second it is
+a slope, beyond it has a step."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,6 +102,9 @@ class Figures:
         Share of the known cells that are not observable.
     error_of_seen : HeightError
         Against the highest point that the lasers met, over known observable cells.
+    error_of_seen_on_flat, error_of_seen_on_slopes, error_of_seen_at_steps : HeightError
+        The same by what the world is around a cell: its tops and those of the 8 neighbours differ
+        by up to `FLAT`, by up to `STEP`, or by more.
     error_of_top : HeightError
         Against the top of the world, over all known cells: walls are higher than can be seen.
     blocked_transitions : Detection
@@ -108,6 +116,9 @@ class Figures:
     coverage: float | None
     spurious: float | None
     error_of_seen: HeightError
+    error_of_seen_on_flat: HeightError
+    error_of_seen_on_slopes: HeightError
+    error_of_seen_at_steps: HeightError
     error_of_top: HeightError
     blocked_transitions: Detection
 
@@ -160,6 +171,8 @@ def evaluate(height_map: HeightMap, params: TraversabilityParams, truth: Truth) 
     height = height_cm * HEIGHT_RESOLUTION
     observable = np.isfinite(truth.seen)
     known_cells, known_observable = int(known.sum()), int((known & observable).sum())
+    error_of_seen = (height - truth.seen)[known & observable]
+    relief = _relief(truth.top)[known & observable]
     has_top = known & np.isfinite(truth.top)
     # Whole centimetres that are not too high; the summand is for 0.29 / 0.01 = 28.999...
     max_step_cm = int(params.max_step / HEIGHT_RESOLUTION + 1e-6)
@@ -170,10 +183,22 @@ def evaluate(height_map: HeightMap, params: TraversabilityParams, truth: Truth) 
         observable_cells=int(observable.sum()),
         coverage=_ratio(known_observable, int(observable.sum())),
         spurious=_ratio(known_cells - known_observable, known_cells),
-        error_of_seen=_height_error((height - truth.seen)[known & observable]),
+        error_of_seen=_height_error(error_of_seen),
+        error_of_seen_on_flat=_height_error(error_of_seen[relief <= FLAT]),
+        error_of_seen_on_slopes=_height_error(error_of_seen[(relief > FLAT) & (relief <= STEP)]),
+        error_of_seen_at_steps=_height_error(error_of_seen[relief > STEP]),
         error_of_top=_height_error((height - truth.top)[has_top]),
         blocked_transitions=_detection(mask, truth.top, known, params.max_step),
     )
+
+
+def _relief(top: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(rows, columns) [m]: how much the known tops of a cell and its 8 neighbours differ."""
+    is_known = np.isfinite(top)
+    highest = maximum_filter(np.where(is_known, top, -np.inf), 3)
+    lowest = minimum_filter(np.where(is_known, top, np.inf), 3)
+    # Exact decimals would make a slope of 0.10 m a step.
+    return np.asarray(np.where(is_known, highest - lowest - 1e-6, np.inf))
 
 
 def _on_cells_of(

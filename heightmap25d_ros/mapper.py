@@ -4,12 +4,13 @@
 
 A beam clears the cells that it passes over (`_clear`) and raises, confirms or leaves alone the
 cell that it ends in (`_hit`), by eq. (1) to (4) of Fong et al. (2003). Inside the kernels x and
-y are counted in cells from the grid's corner, z in centimetres, and a beam is
-``origin + t * (end - origin)`` with t from 0 to 1.
+y are counted in cells from the grid's corner, z in centimetres, and the way along a beam in
+ticks: integers, which add up without rounding and faster than floats.
 
-The kernels take plain arrays, many of them: a tuple of arrays would be reference-counted at every
-call, which costs twenty times as much as the work. They stay in one file, since numba's cache
-does not see changes of what a kernel calls in another one.
+The kernels take plain arrays, many of them, are inlined, divide by numpy's rules, which raise
+nothing, and leave a loop by one condition only. Otherwise numba counts references to the arrays
+for every beam, which costs more than the work. They stay in one file, since numba's cache does
+not see changes of what a kernel calls in another one.
 """
 
 from __future__ import annotations
@@ -34,11 +35,12 @@ from heightmap25d_ros.sensor import Beams
 
 _OBSERVED = 1  # a tile_top: observed, though none of its cells has a height now
 _TILE_CELLS = TILE * TILE
-_TOUCH = 1e-9  # t, and [cells]: what a beam passes for less than this it only touches
-_LEVEL = 1e-9  # [cm] a beam that falls less than this is taken to fall so much
+_TICKS = 2.0**40  # along a beam from end to end, however long it is
+_FEW = 1024  # [ticks] that adding up may be off; what a beam passes for less it only touches
+_ENDLESS = 2.0**57  # [ticks per cell] of a beam that does not leave it along an axis
+_LEVEL = 0.25  # [cm] a beam that falls less is taken to fall so much when tiles are left out
 _GOLDEN = 2654435761  # spreads the cells over a hash set (Knuth's multiplicative hashing)
 _PROBES = 16  # slots of the set that are tried
-_NEVER = 1e12  # t per cell of a beam that does not leave it
 _kernel = njit(cache=True, error_model="numpy")
 _inlined = njit(cache=True, error_model="numpy", forceinline=True)
 
@@ -76,11 +78,11 @@ class Mapper:
         self.grid = grid
         self.params = params
         candidate = params.update_rule == "candidate"
-        self._hit = _Likelihoods(sensor.hit_given_object, sensor.hit_given_empty, sensor.max_range)
-        self._miss = _Likelihoods(
+        hit_model = _Likelihoods(sensor.hit_given_object, sensor.hit_given_empty, sensor.max_range)
+        miss_model = _Likelihoods(
             sensor.miss_given_object, sensor.miss_given_empty, sensor.max_range
         )
-        self._rule = _Rule(
+        rule = _Rule(
             candidate=candidate,
             tolerance=round(params.height_tolerance / HEIGHT_RESOLUTION),
             allowance=round(params.height_allowance / HEIGHT_RESOLUTION) if candidate else 0,
@@ -92,6 +94,14 @@ class Mapper:
             replace_belief=params.replace_belief,
             candidate_belief=stored_probability(params.candidate_belief),
         )
+        cells = (grid.height, grid.probability, grid.candidate_height, grid.candidate_probability)
+        self._arrays = [
+            *(array.cells.reshape(-1) for array in cells),
+            grid.tile_top.reshape(-1),
+            grid.tile_changed.reshape(-1),
+        ]
+        # Plain tuples: named ones cost numba three times as much, at each call.
+        self._constants = tuple(hit_model), tuple(miss_model), tuple(rule)
 
     def integrate(self, beams: Beams) -> Integrated:
         """Merge the beams, one after the other."""
@@ -102,17 +112,10 @@ class Mapper:
             beams.is_hit,
             beams.is_lone,
             geometry.origin,
-            geometry.resolution,
+            1.0 / geometry.resolution,
             self.grid.tile_top.shape,
-            self.grid.height.cells.reshape(-1),
-            self.grid.probability.cells.reshape(-1),
-            self.grid.candidate_height.cells.reshape(-1),
-            self.grid.candidate_probability.cells.reshape(-1),
-            self.grid.tile_top.reshape(-1),
-            self.grid.tile_changed.reshape(-1),
-            self._hit,
-            self._miss,
-            self._rule,
+            *self._arrays,
+            *self._constants,
         )
         return Integrated(hits=hits, clipped=clipped, outside=outside)
 
@@ -160,9 +163,9 @@ def _stored(probability, rule):
 @_inlined
 def _bayes(stored, given_object, given_empty, rule):
     """Eq. (4), with P(s|not O) in the second term, as the text under it has it."""
-    prior = stored / PROBABILITY_SCALE
-    for_object = given_object * prior
-    return _stored(for_object / (for_object + given_empty * (1.0 - prior)), rule)
+    for_object = given_object * stored
+    for_empty = given_empty * (PROBABILITY_SCALE - stored)
+    return _stored(for_object / (for_object + for_empty), rule)
 
 
 @_inlined
@@ -225,19 +228,20 @@ def _miss(cell, beam_height, distance, model, rule):
 
 @_kernel
 def _integrate(  # noqa: PLR0913
-    origins, ends, is_hit, is_lone, corner, resolution, tiles,
+    origins, ends, is_hit, is_lone, corner, cells_per_metre, tiles,
     heights, probabilities, candidate_heights, candidates, tile_top, tile_changed,
     hit_model, miss_model, rule,
 ):  # fmt: skip
     """Merge beams, shapes (N, 3), (N, 3), (N,); returns the counts of `Integrated`."""
+    hit_model, miss_model, rule = _Likelihoods(*hit_model), _Likelihoods(*miss_model), _Rule(*rule)
     hits = clipped = outside = 0
     rows, columns = tiles
-    judged = _cells_hit(ends, is_hit, is_lone, corner, resolution, columns, rule)
+    judged = _cells_hit(ends, is_hit, is_lone, corner, cells_per_metre, columns, rule)
     for beam in range(len(ends)):
         if rule.candidate and is_lone[beam]:
             continue
-        origin = _in_cells(origins, beam, corner, resolution)
-        end = _in_cells(ends, beam, corner, resolution)
+        origin = _in_cells(origins, beam, corner, cells_per_metre)
+        end = _in_cells(ends, beam, corner, cells_per_metre)
         if not (_is_inside(origin, rows, columns) and _is_inside(end, rows, columns)):
             outside += is_hit[beam]
             continue
@@ -271,11 +275,11 @@ def _integrate(  # noqa: PLR0913
 
 
 @_inlined
-def _in_cells(points, index, corner, resolution):
+def _in_cells(points, index, corner, cells_per_metre):
     """A point [m] as x, y [cells] from the corner and z [cm]."""
-    x = (points[index, 0] - corner[0]) / resolution
-    y = (points[index, 1] - corner[1]) / resolution
-    return x, y, points[index, 2] / HEIGHT_RESOLUTION
+    x = (points[index, 0] - corner[0]) * cells_per_metre
+    y = (points[index, 1] - corner[1]) * cells_per_metre
+    return x, y, points[index, 2] * (1.0 / HEIGHT_RESOLUTION)
 
 
 @_inlined
@@ -299,93 +303,104 @@ def _clear(  # noqa: PLR0913
     origin, end, length, columns, heights, probabilities, candidate_heights, candidates,
     tile_top, tile_changed, judged, model, rule,
 ):  # fmt: skip
-    """Walk the tiles between the ends of a beam, and in them the cells that may reach it."""
-    ray_x, ray_y = _axis(origin[0], end[0]), _axis(origin[1], end[1])
-    entered = min(_exit(int(origin[0]), 1, ray_x), _exit(int(origin[1]), 1, ray_y))
-    last = max(_entry(int(end[0]), ray_x), _entry(int(end[1]), ray_y))
-    z, fall = origin[2] + rule.clearing_margin, end[2] - origin[2]
-    if abs(fall) < _LEVEL:
-        fall = -_LEVEL
-    tx, ty = int(origin[0]) // TILE, int(origin[1]) // TILE
-    exit_x, exit_y = _exit(tx, TILE, ray_x), _exit(ty, TILE, ray_y)
-    across_x, across_y = abs(ray_x[2]) * TILE, abs(ray_y[2]) * TILE
-    while entered < last:
-        left = min(exit_x, exit_y, last)
-        tile = np.uint64(ty * columns + tx)
-        # Where the beam is as high as the highest cell of the tile: only below that it can meet.
-        meets = (tile_top[tile] - TOP_BIAS - z) / fall
-        start = max(entered, meets) if fall < 0.0 else entered
-        stop = left if fall < 0.0 else min(left, meets)
-        if start < stop and _clear_tile(
-            tx, ty, tile, start, stop, ray_x, ray_y, z, fall, length,
+    """Walk the tiles between the ends of a beam, and in them the cells that may reach it.
+
+    The walk goes from the upper end to the lower one.
+    """
+    upper, lower, distance, metres = origin, end, 0.0, length / _TICKS
+    if origin[2] < end[2]:
+        upper, lower, distance, metres = end, origin, length, -length / _TICKS
+    x, y = _axis(upper[0], lower[0]), _axis(upper[1], lower[1])
+    first = min(_exit(int(upper[0]), 1, x), _exit(int(upper[1]), 1, y))
+    last = max(_entry(int(lower[0]), x), _entry(int(lower[1]), y)) - _FEW
+    z, fall = upper[2] + rule.clearing_margin, upper[2] - lower[2]
+    ticks_per_cm = _TICKS / max(fall, _LEVEL)
+    tx, ty = int(upper[0]) // TILE, int(upper[1]) // TILE
+    index = ty * columns + tx
+    exit_x, exit_y = _exit(tx, TILE, x), _exit(ty, TILE, y)
+    across_x, across_y = _across(TILE, x), _across(TILE, y)
+    last_tx, last_ty = int(lower[0]) // TILE, int(lower[1]) // TILE
+    for _ in range(1 + abs(last_tx - tx) + abs(last_ty - ty)):
+        stop = min(exit_x, exit_y, last)
+        tile = np.uint64(index)
+        # Only where the beam is no higher than the highest cell of the tile it can meet one.
+        meets = int((z - (tile_top[tile] - TOP_BIAS)) * ticks_per_cm)
+        if meets < stop and _clear_tile(
+            tile, max(first, meets, exit_x - across_x, exit_y - across_y), stop, x, y,
+            z, fall / _TICKS, distance, metres,
             heights, probabilities, candidate_heights, candidates, judged, model, rule,
         ):  # fmt: skip
             tile_changed[tile] = 1
             tile_top[tile] = _top_of(
                 tile, heights, probabilities, candidate_heights, candidates, rule
             )
-        entered = left
         if exit_x < exit_y:
-            tx += ray_x[3]
+            index += x.step
             exit_x += across_x
         else:
-            ty += ray_y[3]
+            index += y.step * columns
             exit_y += across_y
 
 
 @_inlined
 def _clear_tile(  # noqa: PLR0913
-    tx, ty, tile, start, stop, ray_x, ray_y, z, fall, length,
+    tile, start, stop, x, y, z, fall, distance, metres,
     heights, probabilities, candidate_heights, candidates, judged, model, rule,
 ):  # fmt: skip
-    """Lower the belief in what stands in the beam; whether a cell became unknown by it."""
+    """Lower the belief in what stands in the beam; whether a cell became unknown by it.
+
+    ``fall`` [cm] and ``metres``, which start from ``z`` and ``distance``, are per tick.
+    """
     is_lost = False
-    x = min(max(int(ray_x[0] + start * ray_x[1]) - tx * TILE, 0), TILE - 1)
-    y = min(max(int(ray_y[0] + start * ray_y[1]) - ty * TILE, 0), TILE - 1)
-    exit_x, exit_y = _exit(tx * TILE + x, 1, ray_x), _exit(ty * TILE + y, 1, ray_y)
-    across_x, across_y = abs(ray_x[2]), abs(ray_y[2])
+    ix = np.floor(x.origin + (start + _FEW) * x.cells)
+    iy = np.floor(y.origin + (start + _FEW) * y.cells)
+    exit_x, exit_y = _exit(ix, 1, x), _exit(iy, 1, y)
+    across_x, across_y = _across(1, x), _across(1, y)
     entered = max(exit_x - across_x, exit_y - across_y)
-    index = np.int64(tile) * _TILE_CELLS + y * TILE + x
-    step_x, step_y = ray_x[3], ray_y[3] * TILE
-    while entered < stop - _TOUCH:
+    index = np.int64(tile) * _TILE_CELLS + int(iy) % TILE * TILE + int(ix) % TILE
+    while entered < stop - _FEW:
         left = min(exit_x, exit_y)
         middle = 0.5 * (entered + left)
-        beam_height = z + middle * fall
+        beam_height = z - middle * fall
         cell = np.uint64(index)
-        is_passed = left > max(entered, start) + _TOUCH
-        stands = heights[cell] >= beam_height and probabilities[cell] >= rule.known
-        held = candidates[cell] > 0 and candidate_heights[cell] >= beam_height
-        if (
-            is_passed
-            and (stands or held)
-            and (not rule.candidate or _may_judge(index, tx, ty, ray_x, ray_y, judged, rule))
-        ):
+        is_met = heights[cell] >= beam_height or candidates[cell] > 0
+        if is_met and left - entered > _FEW:
             before = _content(cell, heights, probabilities, candidate_heights, candidates)
-            after = _miss(before, beam_height, middle * length, model, rule)
-            probabilities[cell] = after[1]
-            if before[3] != 0:
-                candidates[cell] = after[3]
-            is_lost |= after[1] < rule.known <= before[1]
+            if _is_contradicted(before, beam_height, rule) and (
+                not rule.candidate or _may_judge(index, middle, x, y, judged, rule)
+            ):
+                after = _miss(before, beam_height, distance + middle * metres, model, rule)
+                probabilities[cell] = after[1]
+                if before[3] != 0:
+                    candidates[cell] = after[3]
+                is_lost |= after[1] < rule.known <= before[1]
         entered = left
         if exit_x < exit_y:
-            index += step_x
+            index += x.step
             exit_x += across_x
         else:
-            index += step_y
+            index += y.step * TILE
             exit_y += across_y
     return is_lost
 
 
+@_inlined
+def _is_contradicted(cell, beam_height, rule):
+    height, probability, candidate_height, candidate = cell
+    stands = height >= beam_height and probability >= rule.known
+    return stands or (candidate > 0 and candidate_height >= beam_height)
+
+
 @_kernel
-def _cells_hit(ends, is_hit, is_lone, corner, resolution, columns, rule):
+def _cells_hit(ends, is_hit, is_lone, corner, cells_per_metre, columns, rule):
     """A hash set of the cells that this scan's returns are in; empty for the literal rule."""
     size = 16
-    while size < 8 * len(ends):
+    while size < 4 * len(ends):
         size *= 2
     judged = np.full(size if rule.candidate else 1, np.int64(-1))
     for beam in range(len(ends)):
         if rule.candidate and is_hit[beam] and not is_lone[beam]:
-            end = _in_cells(ends, beam, corner, resolution)
+            end = _in_cells(ends, beam, corner, cells_per_metre)
             ix, iy = int(np.floor(end[0])), int(np.floor(end[1]))
             tile = iy // TILE * columns + ix // TILE
             _add(tile * _TILE_CELLS + iy % TILE * TILE + ix % TILE, judged)
@@ -407,39 +422,52 @@ def _add(cell, judged):
     return False
 
 
-@_kernel
-def _may_judge(index, tx, ty, ray_x, ray_y, judged, rule):
+@_inlined
+def _may_judge(index, middle, x, y, judged, rule):
     """Whether a beam may speak against a cell: it passes the middle, and is the scan's first."""
-    y, x = index % _TILE_CELLS // TILE, index % TILE
-    off_x = tx * TILE + x + 0.5 - ray_x[0]
-    off_y = ty * TILE + y + 0.5 - ray_y[0]
-    across = abs(off_x * ray_y[1] - off_y * ray_x[1])
-    if across > rule.clearing_width * np.hypot(ray_x[1], ray_y[1]):
+    off_x = int(x.origin + middle * x.cells) + 0.5 - x.origin
+    off_y = int(y.origin + middle * y.cells) + 0.5 - y.origin
+    across = off_x * y.cells - off_y * x.cells
+    if across**2 > rule.clearing_width**2 * (x.cells**2 + y.cells**2):
         return False
     return _add(index, judged)
 
 
+class _Axis(NamedTuple):
+    """A beam along the x or the y axis."""
+
+    origin: float
+    step: int  # from cell to cell, 1 or -1
+    side: int  # of a cell, by which the beam leaves it
+    cells: float  # per tick
+    ticks: float  # per cell; both negative where the step is
+
+
 @_inlined
 def _axis(origin, end):
-    """A beam along one axis: origin, extent, t per cell, step, side of a cell it leaves by."""
     extent = end - origin
-    if abs(extent) < _TOUCH:
-        return origin, extent, _NEVER, 1, 1
-    if extent > 0.0:
-        return origin, extent, 1.0 / extent, 1, 1
-    return origin, extent, 1.0 / extent, -1, 0
+    ticks = min(_TICKS / abs(extent), _ENDLESS)
+    if extent < 0.0:
+        return _Axis(origin, -1, 0, extent / _TICKS, -ticks)
+    return _Axis(origin, 1, 1, extent / _TICKS, ticks)
 
 
 @_inlined
-def _exit(index, size, ray):
-    """Where, as t, a beam leaves a cell or a tile along one axis."""
-    return ((index + ray[4]) * size - ray[0]) * ray[2]
+def _exit(index, size, axis):
+    """Where [ticks] a beam leaves a cell, or a tile of a size, along one axis."""
+    return int(((index + axis.side) * size - axis.origin) * axis.ticks)
 
 
 @_inlined
-def _entry(index, ray):
-    """Where, as t, a beam enters a cell along one axis."""
-    return (index + 1 - ray[4] - ray[0]) * ray[2]
+def _across(size, axis):
+    """How many ticks a beam is in a cell, or in a tile of a size, along one axis."""
+    return int(abs(axis.ticks) * size)
+
+
+@_inlined
+def _entry(index, axis):
+    """Where [ticks] a beam enters a cell along one axis."""
+    return _exit(index, 1, axis) - _across(1, axis)
 
 
 @_kernel

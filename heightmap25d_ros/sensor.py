@@ -95,7 +95,8 @@ def lone_returns(
         for expected in (before, after, 2 * before - before2, 2 * after - after2):
             is_supported |= np.abs(1.0 / expected - ranges) <= distance
     speaks = np.pad(is_return | (ranges == np.inf), 1)
-    return is_return & ~is_supported & (speaks[:-2] | speaks[2:])
+    is_lone: NDArray[np.bool_] = is_return & ~is_supported & (speaks[:-2] | speaks[2:])
+    return is_lone
 
 
 def beams(

@@ -41,10 +41,23 @@ def map_of(height_cm: Any, origin: tuple[float, float] = ORIGIN) -> HeightMap:
     )
 
 
+def test_heights_are_told_apart_by_the_relief_around_them() -> None:
+    top = [[0.0, 0.02, 0.04, 0.10, 0.20, 0.31, NAN]]
+    figures = evaluation.evaluate(map_of([[1, 2, 4, 10, 20, 31, 0]]), PARAMS, truth_of(top))
+    assert figures.error_of_seen_on_flat.cells == 1  # the first, 2 cm from the second
+    assert figures.error_of_seen_on_flat.bias == pytest.approx(0.01)
+    assert figures.error_of_seen_on_slopes.cells == 2  # 4 cm and 8 cm around the next two
+    assert figures.error_of_seen_at_steps.cells == 3  # 16, 21 and 11 cm
+
+
 def test_figures_of_a_row() -> None:
     truth = truth_of([[0, 0, 0, 1, 1, 1]], [[0, 0, NAN, 1, 1, 1]])
     figures = evaluation.evaluate(map_of([[0, 2, 0, 100, 85, None]]), PARAMS, truth)
-    assert figures.as_dict() == {
+    by_relief = "error_of_seen_on_flat", "error_of_seen_on_slopes", "error_of_seen_at_steps"
+    table = figures.as_dict()
+    # Flat are the first two cells; at the step 100 cm; the last but one is flat, but 15 cm off.
+    assert [table.pop(name)["cells"] for name in by_relief] == [3, 0, 1]
+    assert table == {
         "known_cells": 5,
         "known_cells_outside": 0,
         "observable_cells": 5,
