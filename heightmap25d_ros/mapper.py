@@ -95,13 +95,15 @@ class Mapper:
             candidate_belief=stored_probability(params.candidate_belief),
         )
         cells = (grid.height, grid.probability, grid.candidate_height, grid.candidate_probability)
-        self._arrays = [
+        self._constants = (
             *(array.cells.reshape(-1) for array in cells),
             grid.tile_top.reshape(-1),
             grid.tile_changed.reshape(-1),
-        ]
-        # Plain tuples: named ones cost numba three times as much, at each call.
-        self._constants = tuple(hit_model), tuple(miss_model), tuple(rule)
+            # Plain tuples: named ones cost numba three times as much, at each call.
+            tuple(hit_model),
+            tuple(miss_model),
+            tuple(rule),
+        )
 
     def integrate(self, beams: Beams) -> Integrated:
         """Merge the beams, one after the other."""
@@ -114,7 +116,6 @@ class Mapper:
             geometry.origin,
             1.0 / geometry.resolution,
             self.grid.tile_top.shape,
-            *self._arrays,
             *self._constants,
         )
         return Integrated(hits=hits, clipped=clipped, outside=outside)
