@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rclpy
 from bag_writer import laser_scan, odometry, rclpy_type
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.srv import GetMap
@@ -21,12 +22,16 @@ from std_srvs.srv import Trigger
 
 from heightmap25d_msgs.srv import LoadMap, SaveMap
 from heightmap25d_ros import cli, map_io
+from heightmap25d_ros.mapping import Mapping
+from heightmap25d_ros.nodes.mapping import MappingNode
+from heightmap25d_ros.params import Params
 
 RAMP = Path(__file__).parent.parent / "bags" / "ramp"
 CONFIG = Path(__file__).parent.parent / "config" / "heightmap25d.yaml"
 SECONDS = 6.0
 MOUNT = ("-p", "intake.mounts:=[0.0, 0.0, 0.5, 0.0, 0.0, 0.0]")
 MS = 10**6
+MAPS_OF_NOTHING = Mapping(Params()).maps()
 
 
 @pytest.fixture(scope="module")
@@ -267,3 +272,32 @@ def test_a_wrong_parameter_ends_the_node_with_one_line(parameter, complaint):
     _, log = process.communicate(timeout=PATIENCE)
     assert process.returncode == 2
     assert complaint in log.splitlines()[-1]
+
+
+def test_nothing_is_converted_or_published_without_a_listener_or_a_change(monkeypatch):
+    """In this process, to count what the node asks of the core."""
+    context = rclpy.Context()
+    rclpy.init(context=context, args=["mapping", "--ros-args", *MOUNT])
+    monkeypatch.setattr("rclpy.node.get_default_context", lambda: context)
+    node = MappingNode()
+    conversions = []
+    monkeypatch.setattr(node._mapping, "maps", lambda: conversions.append(1) or MAPS_OF_NOTHING)
+    start_ns = 1_700_000_000 * 10**9
+    for milliseconds in (0, 20):
+        pose = odometry(start_ns + milliseconds * MS, (0.0, 0.0, 0.0))
+        node._on_odometry(pose)
+    node._on_scan_of("scan")(laser_scan(start_ns + 10 * MS))
+    node._publish()
+    assert conversions == []  # nobody listens
+
+    topics = []
+    monkeypatch.setattr(node, "_publish_to", lambda topic, *_: topics.append(topic))
+    monkeypatch.setattr(
+        type(node._publishers_of_maps["map"]), "get_subscription_count", lambda _: 1
+    )
+    node._publish()
+    node._publish()
+    assert sorted(topics) == sorted(MAPS)  # each once: the map did not change in between
+    assert conversions == [1]
+    node.destroy_node()
+    rclpy.shutdown(context=context)
