@@ -193,6 +193,7 @@ static inline int clear_tile(const Grid *grid, int64_t tile, int64_t start, int6
                              Axis y, double z, double fall, double distance, double metres,
                              Judged judged, const Likelihoods *model, const Rule *rule) {
   int is_lost = 0;
+  double half_fall = 0.5 * fall;
   double ix = floor(x.origin + (double)(start + FEW) * x.cells);
   double iy = floor(y.origin + (double)(start + FEW) * y.cells);
   int64_t exit_x = exit_of(ix, 1, x), exit_y = exit_of(iy, 1, y);
@@ -201,11 +202,11 @@ static inline int clear_tile(const Grid *grid, int64_t tile, int64_t start, int6
   int64_t index = tile * CELLS + ((int64_t)iy & (TILE - 1)) * TILE + ((int64_t)ix & (TILE - 1));
   while (entered < stop - FEW) {
     int64_t left = min_i(exit_x, exit_y);
-    double middle = 0.5 * (double)(entered + left);
-    double beam_height = z - middle * fall;
+    double beam_height = z - (double)(entered + left) * half_fall;
     if ((grid->heights[index] >= beam_height || grid->candidates[index] > 0) &&
         left - entered > FEW) {
       Cell before = cell_of(grid, index);
+      double middle = 0.5 * (double)(entered + left);
       if (is_contradicted(before, beam_height, rule) &&
           (!rule->candidate || may_judge(index, middle, x, y, judged, rule))) {
         Cell after = miss(before, beam_height, distance + middle * metres, model, rule);
@@ -235,7 +236,7 @@ static inline void clear(const Grid *grid, const double *origin, const double *e
   int64_t first = min_i(exit_of(floor(upper[0]), 1, x), exit_of(floor(upper[1]), 1, y));
   int64_t last = max_i(entry_of(floor(lower[0]), x), entry_of(floor(lower[1]), y)) - FEW;
   double z = upper[2] + rule->clearing_margin, fall = upper[2] - lower[2];
-  double ticks_per_cm = TICKS / max_d(fall, LEVEL);
+  double ticks_per_cm = TICKS / max_d(fall, LEVEL), biased_z = z + TOP_BIAS;
   int64_t tx = (int64_t)upper[0] / TILE, ty = (int64_t)upper[1] / TILE;
   int64_t tile = ty * grid->tile_columns + tx;
   int64_t exit_x = exit_of((double)tx, TILE, x), exit_y = exit_of((double)ty, TILE, y);
@@ -243,7 +244,7 @@ static inline void clear(const Grid *grid, const double *origin, const double *e
   int64_t last_tx = (int64_t)lower[0] / TILE, last_ty = (int64_t)lower[1] / TILE;
   for (int64_t left = 1 + llabs(last_tx - tx) + llabs(last_ty - ty); left > 0; left--) {
     int64_t stop = min_i(min_i(exit_x, exit_y), last);
-    int64_t meets = (int64_t)((z - (double)(grid->tile_top[tile] - TOP_BIAS)) * ticks_per_cm);
+    int64_t meets = (int64_t)((biased_z - grid->tile_top[tile]) * ticks_per_cm);
     if (meets < stop) {
       int64_t start = max_i(max_i(first, meets), max_i(exit_x - across_x, exit_y - across_y));
       if (clear_tile(grid, tile, start, stop, x, y, z, fall / TICKS, distance, metres, judged,

@@ -15,7 +15,6 @@ not see changes of what a kernel calls in another one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -45,8 +44,7 @@ _kernel = njit(cache=True, error_model="numpy")
 _inlined = njit(cache=True, error_model="numpy", forceinline=True)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Integrated:
+class Integrated(NamedTuple):
     """What became of the beams of a scan.
 
     Attributes
@@ -96,6 +94,9 @@ class Mapper:
         )
         cells = (grid.height, grid.probability, grid.candidate_height, grid.candidate_probability)
         self._constants = (
+            grid.geometry.origin,
+            1.0 / grid.geometry.resolution,
+            grid.tile_top.shape,
             *(array.cells.reshape(-1) for array in cells),
             grid.tile_top.reshape(-1),
             grid.tile_changed.reshape(-1),
@@ -107,18 +108,10 @@ class Mapper:
 
     def integrate(self, beams: Beams) -> Integrated:
         """Merge the beams, one after the other."""
-        geometry = self.grid.geometry
-        hits, clipped, outside = _integrate(
-            beams.origins,
-            beams.ends,
-            beams.is_hit,
-            beams.is_lone,
-            geometry.origin,
-            1.0 / geometry.resolution,
-            self.grid.tile_top.shape,
-            *self._constants,
+        counts = _integrate(
+            beams.origins, beams.ends, beams.is_hit, beams.is_lone, *self._constants
         )
-        return Integrated(hits=hits, clipped=clipped, outside=outside)
+        return Integrated(*counts)
 
 
 class _Likelihoods(NamedTuple):
@@ -316,6 +309,7 @@ def _clear(  # noqa: PLR0913
     last = max(_entry(int(lower[0]), x), _entry(int(lower[1]), y)) - _FEW
     z, fall = upper[2] + rule.clearing_margin, upper[2] - lower[2]
     ticks_per_cm = _TICKS / max(fall, _LEVEL)
+    biased_z = z + TOP_BIAS
     tx, ty = int(upper[0]) // TILE, int(upper[1]) // TILE
     index = ty * columns + tx
     exit_x, exit_y = _exit(tx, TILE, x), _exit(ty, TILE, y)
@@ -325,7 +319,7 @@ def _clear(  # noqa: PLR0913
         stop = min(exit_x, exit_y, last)
         tile = np.uint64(index)
         # Only where the beam is no higher than the highest cell of the tile it can meet one.
-        meets = int((z - (tile_top[tile] - TOP_BIAS)) * ticks_per_cm)
+        meets = int((biased_z - tile_top[tile]) * ticks_per_cm)
         if meets < stop and _clear_tile(
             tile, max(first, meets, exit_x - across_x, exit_y - across_y), stop, x, y,
             z, fall / _TICKS, distance, metres,
@@ -353,6 +347,7 @@ def _clear_tile(  # noqa: PLR0913
     ``fall`` [cm] and ``metres``, which start from ``z`` and ``distance``, are per tick.
     """
     is_lost = False
+    half_fall = 0.5 * fall
     ix = np.floor(x.origin + (start + _FEW) * x.cells)
     iy = np.floor(y.origin + (start + _FEW) * y.cells)
     exit_x, exit_y = _exit(ix, 1, x), _exit(iy, 1, y)
@@ -361,12 +356,12 @@ def _clear_tile(  # noqa: PLR0913
     index = np.int64(tile) * _TILE_CELLS + int(iy) % TILE * TILE + int(ix) % TILE
     while entered < stop - _FEW:
         left = min(exit_x, exit_y)
-        middle = 0.5 * (entered + left)
-        beam_height = z - middle * fall
+        beam_height = z - (entered + left) * half_fall
         cell = np.uint64(index)
         is_met = heights[cell] >= beam_height or candidates[cell] > 0
         if is_met and left - entered > _FEW:
             before = _content(cell, heights, probabilities, candidate_heights, candidates)
+            middle = 0.5 * (entered + left)
             if _is_contradicted(before, beam_height, rule) and (
                 not rule.candidate or _may_judge(index, middle, x, y, judged, rule)
             ):
