@@ -1,11 +1,13 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The mapping node, noting when each scan was merged.  Usage: measured_node.py FILE"""
+"""The mapping node, noting when each scan was merged: measured_node.py FILE events|default"""
 
 import json
 import sys
 import time
 from pathlib import Path
+
+from rclpy.executors import SingleThreadedExecutor
 
 from heightmap25d_ros.mapping import Mapping
 from heightmap25d_ros.nodes import mapping, process
@@ -29,6 +31,8 @@ class MeasuredMapping(Mapping):
 if __name__ == "__main__":
     file = Path(sys.argv[1])
     mapping.Mapping = MeasuredMapping
+    if sys.argv[2] == "default":
+        process.EventsExecutor = SingleThreadedExecutor  # what rclpy.spin() takes
     process.run(
         mapping.MappingNode,
         ["measured_node", "--ros-args", "-p", "intake.scan_topics:=[scan, scan_down]"],

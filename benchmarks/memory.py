@@ -35,10 +35,13 @@ NUMBERS_PER_CELL = 2  # height and probability
 
 def measure() -> dict[str, float]:
     """Bytes, numbers and cells."""
+    ours, octree = _alone("ours"), _alone("octomap")
     return {
-        **_alone("ours"),
+        **ours,
         **_alone("literal"),
-        **_alone("octomap"),
+        **octree,
+        "octomap_bytes_per_m2": octree["octomap_bytes"] / ours["observed_m2"],
+        "octomap_bytes_per_ours": octree["octomap_bytes"] / ours["resident_bytes"],
         **_alone("far"),
         **count_numbers(),
     }
@@ -65,6 +68,7 @@ def _ours(prefix: str = "", **rule: str) -> dict[str, float]:
     square_metres = cells * params.grid.resolution**2
     return {
         f"{prefix}observed_cells": cells,
+        f"{prefix}observed_m2": square_metres,
         f"{prefix}resident_bytes": resident,
         f"{prefix}bytes_per_cell": resident / cells,
         f"{prefix}bytes_per_m2": resident / square_metres,

@@ -24,7 +24,7 @@ BEAMS = 361
 RANGE_NOISE = 0.01  # [m]
 LASER_RANGE = 30.0  # [m]
 MOUNTS = se3.from_xyz_rpy(  # x, y, z, roll, pitch, yaw in base_link
-    [[0.30, 0.0, 0.40, 0.0, 0.0, 0.0], [0.28, 0.0, 0.60, 0.0, np.radians(8.0), 0.0]]
+    [[0.30, 0.0, 0.40, 0.0, 0.0, 0.0], [0.28, 0.0, 0.60, 0.0, np.radians(7.0), 0.0]]
 )
 _STEEPEST = 0.4  # the hills' slope is nowhere above this
 _CLOSE = 1e-4  # [m] above the ground, at which a ray has arrived
