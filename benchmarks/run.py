@@ -76,6 +76,7 @@ def machine() -> dict[str, str]:
         "python": platform.python_version(),
         "numpy": np.__version__,
         "numba": numba.__version__,
+        "cc": subprocess.check_output(["cc", "--version"], text=True).partition("\n")[0],
         **{package: version(package) for package in ("octomap-python", "rosbags")},
     }
 
