@@ -277,7 +277,7 @@ def test_a_wrong_parameter_ends_the_node_with_one_line(parameter, complaint):
 def test_nothing_is_converted_or_published_without_a_listener_or_a_change(monkeypatch):
     """In this process, to count what the node asks of the core."""
     context = rclpy.Context()
-    rclpy.init(context=context, args=["mapping", "--ros-args", *MOUNT])
+    rclpy.init(context=context, args=["mapping", "--ros-args", "-r", "__ns:=/idle", *MOUNT])
     monkeypatch.setattr("rclpy.node.get_default_context", lambda: context)
     node = MappingNode()
     conversions = []
