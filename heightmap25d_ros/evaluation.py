@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -127,6 +129,25 @@ class Figures:
         return {name: _rounded(value) for name, value in asdict(self).items()}
 
 
+@contextmanager
+def truth_file(path: Path, fault: str) -> Iterator[Any]:
+    """An npz file of the truth; whatever is wrong with what is read from it is bad input.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or (``fault``) is of another kind.
+    """
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            yield archive
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}") from None
+    except (ValueError, LookupError, TypeError, AttributeError, EOFError, BadZipFile) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"{path}: {fault}: {reason}") from None
+
+
 def read_truth(path: Path) -> Truth:
     """The truth from a file with ``top``, ``seen``, ``resolution`` and ``origin``.
 
@@ -135,15 +156,9 @@ def read_truth(path: Path) -> Truth:
     InputError
         If the file cannot be read or is of another kind.
     """
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            top, seen = (np.asarray(archive[name], np.float64) for name in ("top", "seen"))
-            resolution, (x, y) = float(archive["resolution"]), archive["origin"]
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}") from None
-    except (ValueError, LookupError, TypeError, AttributeError, EOFError, BadZipFile) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(f"{path}: is not a true surface: {reason}") from None
+    with truth_file(path, "is not a true surface") as archive:
+        top, seen = (np.asarray(archive[name], np.float64) for name in ("top", "seen"))
+        resolution, (x, y) = float(archive["resolution"]), archive["origin"]
     if top.ndim != 2 or top.shape != seen.shape:
         raise InputError(f"{path}: top and seen are not two grids of one shape")
     geometry = Geometry(

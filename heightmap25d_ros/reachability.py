@@ -6,13 +6,12 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.evaluation import truth_file
 from heightmap25d_ros.grid import Geometry
 from heightmap25d_ros.traversability import INFLATED, ObstacleMap
 
@@ -68,17 +67,11 @@ def read_goals(path: Path) -> GoalPairs:
     InputError
         If the file cannot be read or is of another kind.
     """
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            start, goal = (np.asarray(archive[name], np.float64) for name in ("start", "goal"))
-            reachable, observed = (
-                np.asarray(archive[name], bool) for name in ("reachable", "observed")
-            )
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}") from None
-    except (ValueError, LookupError, TypeError, AttributeError, EOFError, BadZipFile) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(f"{path}: holds no goals: {reason}") from None
+    with truth_file(path, "holds no goals") as archive:
+        start, goal = (np.asarray(archive[name], np.float64) for name in ("start", "goal"))
+        reachable, observed = (
+            np.asarray(archive[name], bool) for name in ("reachable", "observed")
+        )
     return GoalPairs(start=start[:, :2], goal=goal[:, :2], reachable=reachable, observed=observed)
 
 
