@@ -11,5 +11,5 @@ Read the modules in this order; imports point only upwards:
 5. ``terrain``, ``footprint``, ``traversability``: heights become transitions, obstacles and cost.
 6. ``messages``, ``transforms``, ``intake``: ROS messages become scans with poses.
 7. ``bag``, ``map_io``, ``evaluation``, ``render``: files in, files out.
-8. ``cli`` and ``nodes``: the same objects driven from a bag and from topics.
+8. ``commands``, ``cli`` and ``nodes``: the same objects driven from a bag and from topics.
 """

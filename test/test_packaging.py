@@ -28,7 +28,7 @@ ORDER = [
     "bag", "atomic_directory", "map_io", "block_view", "render",
     "evaluation", "reachability", "trajectory_error",
     "simulation",
-    "cli", "nodes",
+    "commands", "cli", "nodes",
 ]  # fmt: skip
 
 # rosdep's name of what is imported under another name; rosbags and mujoco, an extra, have none.
