@@ -107,12 +107,12 @@ def planes(
 
     Returns
     -------
-    gradient : (rows, columns) float32 [cm per cell]
-        Length of the plane's gradient; 0 where unknown.
+    gradient : (2, rows, columns) float32 [cm per cell]
+        Of the plane, along x and along y; 0 where unknown.
     roughness : (rows, columns) float32 [cm]
         Root mean square of the distances (along z) to the plane; 0 where unknown.
     """
-    gradient = np.zeros(surface.shape, np.float32)
+    gradient = np.zeros((2, *surface.shape), np.float32)
     roughness = np.zeros(surface.shape, np.float32)
     largest_sum = len(disc.offsets) * (disc.radius * max_step_cm) ** 2
     sums = np.empty(10 * PITCH, np.int32 if largest_sum < 2**31 else np.int64)
@@ -123,7 +123,7 @@ def planes(
         max_step_cm,
         least_moment,
         sums,
-        gradient.ravel(),
+        gradient.reshape(2, -1),
         roughness.ravel(),
     )
     return gradient, roughness
@@ -157,7 +157,12 @@ def _planes(ground, disc, max_step, least_moment, sums, gradient, roughness):
                     np.int32(max(abs(dy), abs(dx)) * max_step),
                     sums,
                 )
-        _fit(sums, least_moment, gradient[start:end], roughness[start:end])
+        _fit(
+            sums,
+            least_moment,
+            (gradient[0, start:end], gradient[1, start:end]),
+            roughness[start:end],
+        )
 
 
 @njit(cache=True)
@@ -190,7 +195,8 @@ def _add(here, there, opposite, offset, limit, sums):
 
 @njit(cache=True, error_model="numpy")
 def _fit(sums, least_moment, gradient, roughness):
-    for i in range(gradient.size):
+    gradient_x, gradient_y = gradient
+    for i in range(roughness.size):
         n = np.float64(sums[i])
         x, y, h = sums[PITCH + i] / n, sums[2 * PITCH + i] / n, sums[6 * PITCH + i] / n
         # Scatter about the mean: of the positions, with the heights, of the heights.
@@ -205,12 +211,15 @@ def _fit(sums, least_moment, gradient, roughness):
         most, least = centre + half, centre - half
         determinant = xx * yy - xy * xy
         gx, gy = (xh * yy - yh * xy) / determinant, (yh * xx - xh * xy) / determinant
-        # Of a strip only the gradient along it: (xh, yh) projected on that direction.
-        along = ((xx - least) * xh * xh + 2 * xy * xh * yh + (yy - least) * yh * yh) / (2 * half)
         is_plane, is_strip = least >= least_moment, most >= least_moment
-        square = gx * gx + gy * gy if is_plane else (along / (most * most) if is_strip else 0.0)
-        explained = gx * xh + gy * yh if is_plane else (along / most if is_strip else 0.0)
-        gradient[i] = math.sqrt(max(square, 0.0))
+        # Of a strip only the gradient along it: (xh, yh) projected on that direction.
+        scale = 1.0 / (2.0 * half * most)
+        along_x = ((xx - least) * xh + xy * yh) * scale
+        along_y = (xy * xh + (yy - least) * yh) * scale
+        gx = gx if is_plane else (along_x if is_strip else 0.0)
+        gy = gy if is_plane else (along_y if is_strip else 0.0)
+        gradient_x[i], gradient_y[i] = gx, gy
+        explained = gx * xh + gy * yh
         roughness[i] = math.sqrt(max(hh - explained, 0.0) / n)
 
 

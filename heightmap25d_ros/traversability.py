@@ -117,37 +117,82 @@ def blocked_transitions(
     return cropped(blocked, 1)
 
 
-def convert(height_map: HeightMap, params: TraversabilityParams) -> ObstacleMap:
-    """Obstacles of a dense map, beyond which nothing is known.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ground:
+    """What the heights of a dense map say of the ground, before anything is judged.
+
+    Attributes
+    ----------
+    blocked : (rows, columns) uint8
+        Bit k: the transition to ``NEIGHBOURS[k]`` is blocked.
+    step : (rows, columns) int16 [cm]
+        Largest difference to a neighbour whose transition is open.
+    gradient : (2, rows, columns) float32 [cm per cell]
+        Of the ground under the footprint, along x and along y; 0 where unknown.
+    roughness : (rows, columns) float32 [cm]
+        Of the ground under the footprint.
+    """
+
+    blocked: NDArray[np.uint8]
+    step: NDArray[np.int16]
+    gradient: NDArray[np.float32]
+    roughness: NDArray[np.float32]
+
+
+def survey(height_map: HeightMap, params: TraversabilityParams) -> Ground:
+    """The ground of a dense map, beyond which nothing is known.
 
     Raises
     ------
     InputError
         If the robot's radius is more than 100 cells.
     """
-    height, known = height_map.height, height_map.known
-    cell_cm = height_map.geometry.resolution / HEIGHT_RESOLUTION
-    max_step_cm = _whole(params.max_step / HEIGHT_RESOLUTION)
     disc = _disc(params, height_map.geometry.resolution)
     margin = max(disc.radius, 1)
-    surface = padded_surface(height, known, margin)
+    max_step_cm = _whole(params.max_step / HEIGHT_RESOLUTION)
+    surface = padded_surface(height_map.height, height_map.known, margin)
     blocked, step = transitions(surface, max_step_cm)
     gradient, roughness = planes(surface, blocked, disc, max_step_cm)
-    blocked, step = cropped(blocked, margin), cropped(step, margin)
-    gradient, roughness = cropped(gradient, margin), cropped(roughness, margin)
+    return Ground(
+        blocked=cropped(blocked, margin),
+        step=cropped(step, margin),
+        gradient=np.stack([cropped(part, margin) for part in gradient]),
+        roughness=cropped(roughness, margin),
+    )
 
+
+def convert(
+    height_map: HeightMap, params: TraversabilityParams, ground: Ground | None = None
+) -> ObstacleMap:
+    """Obstacles of a dense map, beyond which nothing is known.
+
+    Parameters
+    ----------
+    height_map : HeightMap
+    params : TraversabilityParams
+    ground : Ground, optional
+        What `survey` makes of the two, where it is at hand.
+
+    Raises
+    ------
+    InputError
+        If the robot's radius is more than 100 cells.
+    """
+    ground = survey(height_map, params) if ground is None else ground
+    max_step_cm = _whole(params.max_step / HEIGHT_RESOLUTION)
+    cell_cm = height_map.geometry.resolution / HEIGHT_RESOLUTION
     max_gradient = math.tan(params.max_slope) * cell_cm
-    occupancy = step_obstacles(height, known, max_step_cm)
-    occupancy[gradient > max_gradient] = OCCUPIED
-    cost = np.empty(height.shape, np.int8)
     max_roughness = params.max_roughness / HEIGHT_RESOLUTION
+    occupancy = step_obstacles(height_map.height, height_map.known, max_step_cm)
+    cost = np.empty(occupancy.shape, np.int8)
     scales = tuple(STEEPEST / limit for limit in (max_step_cm, max_gradient, max_roughness))
-    _grade(occupancy, step, gradient, roughness, scales, cost)
+    _grade(ground.step, *ground.gradient, ground.roughness, scales, occupancy, cost)
+    disc = _disc(params, height_map.geometry.resolution)
     return ObstacleMap(
         geometry=height_map.geometry,
         occupancy=occupancy,
         cost=inflate(cost, disc, occupied=OCCUPIED, inflated=INFLATED),
-        blocked=blocked,
+        blocked=ground.blocked,
     )
 
 
@@ -167,12 +212,16 @@ def _disc(params: TraversabilityParams, resolution: float) -> Footprint:
 
 
 @njit(cache=True)
-def _grade(occupancy, step, gradient, roughness, scales, cost):
+def _grade(step, gradient_x, gradient_y, roughness, scales, occupancy, cost):
     for y in range(cost.shape[0]):
         for x in range(cost.shape[1]):
-            share = max(gradient[y, x] * scales[1], roughness[y, x] * scales[2])
-            share = min(max(step[y, x] * scales[0], share), np.float64(STEEPEST))
-            cost[y, x] = np.int8(share) if occupancy[y, x] == 0 else occupancy[y, x]
+            slope = math.sqrt(gradient_x[y, x] ** 2 + gradient_y[y, x] ** 2) * scales[1]
+            occupied = (occupancy[y, x] == OCCUPIED) | (slope > STEEPEST)
+            share = max(slope, max(roughness[y, x] * scales[2], step[y, x] * scales[0]))
+            graded = np.int8(min(share, np.float64(STEEPEST)))
+            graded = np.int8(OCCUPIED) if occupied else graded
+            cost[y, x] = np.int8(-1) if occupancy[y, x] < 0 else graded
+            occupancy[y, x] = np.int8(OCCUPIED) if occupied else occupancy[y, x]
 
 
 class ObstacleGrid:

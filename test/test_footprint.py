@@ -20,7 +20,8 @@ def planes_of(height, known=None, radius_squared=16, max_step=10):
     margin = max(disc.radius, 1)
     surface = padded_surface(height, known, margin)
     blocked, _ = transitions(surface, max_step)
-    return tuple(cropped(a, margin) for a in planes(surface, blocked, disc, max_step))
+    gradient, roughness = planes(surface, blocked, disc, max_step)
+    return np.hypot(*(cropped(part, margin) for part in gradient)), cropped(roughness, margin)
 
 
 def assert_as_defined(height, known, radius_squared, max_step, cells):
