@@ -197,6 +197,55 @@ class TraversabilityParams(_Section):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class PlannerParams(_Section):
+    """What a way costs, in metres of flat open ground, and what it may cross."""
+
+    climb_weight: float = _parameter(
+        2.0, "metres on the flat that one metre up is worth besides its length", low=0.0, high=50.0
+    )
+    descent_weight: float = _parameter(
+        1.0, "metres on the flat that one metre down is worth besides its length",
+        low=0.0, high=50.0,
+    )  # fmt: skip
+    cross_slope_weight: float = _parameter(
+        3.0, "of one metre on the flat, added per metre along a slope, times its tangent",
+        low=0.0, high=50.0,
+    )  # fmt: skip
+    roughness_weight: float = _parameter(
+        1.0, "added per metre on ground of traversability.max_roughness", low=0.0, high=50.0
+    )
+    clearance_weight: float = _parameter(
+        1.0, "added per metre beside an obstacle, where the robot just fits", low=0.0, high=50.0
+    )
+    clearance: float = _parameter(
+        0.4, "distance beyond robot_radius at which obstacles cost nothing", "m",
+        low=0.0, high=10.0,
+    )  # fmt: skip
+    unknown: str = _parameter(
+        "forbid", "whether ways over unknown cells are forbidden, or cost more",
+        choices=("forbid", "cost"),
+    )  # fmt: skip
+    unknown_weight: float = _parameter(
+        2.0, "unknown: cost: added per metre over unknown cells", low=0.0, high=50.0
+    )
+    unknown_margin: float = _parameter(
+        0.32, "unknown: forbid: the robot's middle keeps this far from unknown cells", "m",
+        low=0.0, high=5.0,
+    )  # fmt: skip
+    max_gap: float = _parameter(
+        0.25, "unknown gaps between known cells, up to this wide, are taken for ground", "m",
+        low=0.0, high=2.0,
+    )  # fmt: skip
+    goal_tolerance: float = _parameter(
+        0.0, "a goal that cannot be reached is replaced by the nearest place within this", "m",
+        low=0.0, high=10.0,
+    )  # fmt: skip
+    robot_length: float = _parameter(0.78, "of the robot's rectangle, along x", "m", low=0, high=10)
+    robot_width: float = _parameter(0.64, "of the robot's rectangle, along y", "m", low=0, high=10)
+    timeout: float = _parameter(2.0, "a plan is given up after this", "s", low=0.01, high=600.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class IntakeParams(_Section):
     """Which messages are taken, and how long a scan waits for its poses."""
 
@@ -265,6 +314,7 @@ class Params:
     sensor: SensorParams = field(default_factory=SensorParams)
     mapper: MapperParams = field(default_factory=MapperParams)
     traversability: TraversabilityParams = field(default_factory=TraversabilityParams)
+    planner: PlannerParams = field(default_factory=PlannerParams)
     intake: IntakeParams = field(default_factory=IntakeParams)
     mapping: MappingParams = field(default_factory=MappingParams)
     simulator: SimulatorParams = field(default_factory=SimulatorParams)

@@ -186,7 +186,8 @@ def convert(
     occupancy = step_obstacles(height_map.height, height_map.known, max_step_cm)
     cost = np.empty(occupancy.shape, np.int8)
     scales = tuple(STEEPEST / limit for limit in (max_step_cm, max_gradient, max_roughness))
-    _grade(ground.step, *ground.gradient, ground.roughness, scales, occupancy, cost)
+    slopes = ground.gradient[0], ground.gradient[1]
+    _grade(ground.step, *slopes, ground.roughness, scales, occupancy, cost)
     disc = _disc(params, height_map.geometry.resolution)
     return ObstacleMap(
         geometry=height_map.geometry,
@@ -217,7 +218,7 @@ def _grade(step, gradient_x, gradient_y, roughness, scales, occupancy, cost):
         for x in range(cost.shape[1]):
             slope = math.sqrt(gradient_x[y, x] ** 2 + gradient_y[y, x] ** 2) * scales[1]
             occupied = (occupancy[y, x] == OCCUPIED) | (slope > STEEPEST)
-            share = max(slope, max(roughness[y, x] * scales[2], step[y, x] * scales[0]))
+            share = max(slope, roughness[y, x] * scales[2], step[y, x] * scales[0])
             graded = np.int8(min(share, np.float64(STEEPEST)))
             graded = np.int8(OCCUPIED) if occupied else graded
             cost[y, x] = np.int8(-1) if occupancy[y, x] < 0 else graded

@@ -1,0 +1,395 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""From a place to a place: a path that the robot can drive, or the reason why there is none."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, field, replace
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from heightmap25d_ros import footprint_check, planner
+from heightmap25d_ros.grid import Area
+from heightmap25d_ros.params import PlannerParams, TraversabilityParams
+from heightmap25d_ros.path import (
+    SPACING,
+    Points,
+    headings,
+    line_cost,
+    pull_straight,
+    round_corners,
+    sampled,
+    swept,
+)
+from heightmap25d_ros.planner import STRAIGHT, CostToGo, SearchTimeoutError
+from heightmap25d_ros.terrain import NEIGHBOURS
+from heightmap25d_ros.transition_costs import TransitionGraph, fitting
+
+Cell = tuple[int, int]
+
+_ATTEMPTS = 40
+"""Ways that are tried when the rectangle does not fit along the first one."""
+
+
+class Status(IntEnum):
+    """Why there is a path or none: the codes of nav2_msgs/action/ComputePathToPose of Jazzy."""
+
+    NONE = 0
+    START_OUTSIDE_MAP = 203
+    GOAL_OUTSIDE_MAP = 204
+    START_OCCUPIED = 205
+    GOAL_OCCUPIED = 206
+    TIMEOUT = 207
+    NO_VALID_PATH = 208
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Place:
+    """Where to start or to end: x, y [m], map, and the heading [rad] where it matters."""
+
+    x: float
+    y: float
+    yaw: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Plan:
+    """A path, or why there is none.
+
+    Attributes
+    ----------
+    status : Status
+        ``NONE``: there is a path.
+    reason : str
+        One sentence.
+    poses : (N, 4, 4) float64 [m], map
+        About every 0.1 m, on the surface and inclined as it is; empty where there is no path.
+    length : float [m]
+        Along the surface.
+    climb : float [m]
+        Sum of all that goes up.
+    steepest_slope : float [rad]
+        Of the ground under the path, in whatever direction.
+    least_clearance : float [m]
+        From the robot's middle to the centre of the nearest occupied cell, where that is less
+        than 5 m; else infinite.
+    cost : float [m]
+        Of the way, in metres of flat open ground.
+    seconds : float
+        That planning took.
+    graph : TransitionGraph or None
+        With what was opened for the start and closed for the rectangle.
+    cost_to_go : CostToGo or None
+        To the goal in that graph: complete where it was asked for, else as far as was searched.
+    """
+
+    status: Status
+    reason: str
+    seconds: float = 0.0
+    poses: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 4, 4)))
+    length: float = 0.0
+    climb: float = 0.0
+    steepest_slope: float = 0.0
+    least_clearance: float = math.inf
+    cost: float = 0.0
+    graph: TransitionGraph | None = None
+    cost_to_go: CostToGo | None = None
+
+
+class RoutePlanner:
+    """Plans over the terrain of one map.
+
+    Parameters
+    ----------
+    graph : TransitionGraph
+    terrain : TraversabilityParams
+    params : PlannerParams
+    """
+
+    def __init__(
+        self, graph: TransitionGraph, terrain: TraversabilityParams, params: PlannerParams
+    ) -> None:
+        self.graph = graph
+        self._terrain = terrain
+        self._params = params
+        self._resolution = graph.geometry.resolution
+        self._size = (params.robot_length / self._resolution, params.robot_width / self._resolution)
+
+    def plan(
+        self, start: Place, goal: Place, *, is_robot_there: bool, is_field_wanted: bool = False
+    ) -> Plan:
+        """A path from a start to a goal, or why there is none.
+
+        Parameters
+        ----------
+        start, goal : Place
+        is_robot_there : bool
+            Whether the robot stands at the start: then what the map holds under its rectangle
+            is noise. Unknown cells there are ground in any case.
+        is_field_wanted : bool
+            Whether the plan shall hold the whole cost-to-go field: else A* searches.
+        """
+        began = time.monotonic()
+        try:
+            plan = self._plan(start, goal, is_robot_there, is_field_wanted, began)
+        except SearchTimeoutError:
+            seconds = f"{self._params.timeout:g} s"
+            plan = Plan(status=Status.TIMEOUT, reason=f"no path was found within {seconds}")
+        return replace(plan, seconds=time.monotonic() - began)
+
+    def _plan(
+        self, start: Place, goal: Place, is_robot_there: bool, is_field_wanted: bool, began: float
+    ) -> Plan:
+        geometry = self.graph.geometry
+        start_cell, goal_cell = (_cell(geometry.cell_at((p.x, p.y))) for p in (start, goal))
+        for cell, name in ((start_cell, "start"), (goal_cell, "goal")):
+            if not geometry.contains(cell):
+                status = Status[f"{name.upper()}_OUTSIDE_MAP"]
+                return Plan(status=status, reason=f"the {name} is outside of the map")
+        graph = self._opened(start, start_cell, is_robot_there)
+        if not graph.enterable[start_cell]:
+            fault = self._fault(graph, start_cell)
+            return Plan(status=Status.START_OCCUPIED, reason=f"the start {fault}")
+        deadline = began + self._params.timeout
+        asked_cell = goal_cell
+        for _ in range(_ATTEMPTS):
+            cost_to_go, cells = self._searched(
+                graph, start_cell, goal_cell, deadline, is_field_wanted
+            )
+            if not len(cells):
+                nearest = self._nearest(graph, start_cell, goal, deadline)
+                if nearest is None or nearest == goal_cell:
+                    return self._refused(self.graph, graph, asked_cell)
+                goal_cell = nearest
+                continue
+            end = goal if goal_cell == asked_cell else self._center(goal_cell, goal.yaw)
+            points = self._points(graph, cost_to_go, cells, start, end)
+            heading = headings(points, start.yaw, end.yaw)
+            overlap = self._overlap(graph, points, heading, start_cell)
+            if overlap is None:
+                return self._result(graph, cost_to_go, points, heading, (start_cell, goal, end))
+            graph = _without(graph, overlap)
+        return Plan(
+            status=Status.NO_VALID_PATH,
+            reason=f"the robot's rectangle fits along none of {_ATTEMPTS} ways",
+        )
+
+    def _searched(
+        self, graph: TransitionGraph, start: Cell, goal: Cell, deadline: float, is_whole: bool
+    ) -> tuple[CostToGo, NDArray[np.int64]]:
+        cost_to_go = planner.cost_to_go(
+            graph.incoming, goal, start=None if is_whole else start, deadline=deadline
+        )
+        return cost_to_go, cost_to_go.way(start)
+
+    def _opened(self, start: Place, cell: Cell, is_robot_there: bool) -> TransitionGraph:
+        """The graph with a way from where the robot stands."""
+        graph = self.graph
+        if graph.enterable[cell]:
+            return graph
+        margin = max(self._terrain.robot_radius, self._params.unknown_margin) / self._resolution
+        reach = math.ceil(math.hypot(*self._size) / 2 + margin) + 1
+        outer = Area(cell[0], cell[1], 1, 1).grown(reach + math.ceil(margin)).within(graph.area)
+        area = Area(cell[0], cell[1], 1, 1).grown(reach).within(graph.area)
+        around = outer.slices(graph.area)
+        occupied, forbidden = graph.occupied[around].copy(), graph.forbidden[around].copy()
+        blocked = graph.blocked[around].copy()
+        ahead, aside, distance = self._offsets(outer, start)
+        is_under = (np.abs(ahead) <= self._size[0] / 2) & (np.abs(aside) <= self._size[1] / 2)
+        forbidden[is_under] = False
+        if is_robot_there:
+            occupied[is_under] = False
+            blocked = _without_steps(blocked, is_under)
+        enterable = fitting(occupied, forbidden, (self._terrain, self._params), self._resolution)
+        # With an obstacle beside it the robot may still move away.
+        radius = self._terrain.robot_radius / self._resolution
+        enterable |= (distance <= radius) & ~occupied & ~forbidden
+        inside = area.slices(outer)
+        return graph.with_part(
+            area,
+            enterable=enterable[inside] | graph.enterable[area.slices(graph.area)],
+            occupied=occupied[inside],
+            forbidden=forbidden[inside],
+            blocked=blocked[inside],
+        )
+
+    def _offsets(self, area: Area, place: Place) -> tuple[Points, Points, Points]:
+        """How far the cells of an area lie ahead of, aside of, and from a place [cells]."""
+        iy, ix = np.indices(area.shape)
+        y, x = self._in_cells(place)
+        dy, dx = iy + area.iy + 0.5 - y, ix + area.ix + 0.5 - x
+        yaw = place.yaw or 0.0
+        ahead = dx * math.cos(yaw) + dy * math.sin(yaw)
+        aside = dy * math.cos(yaw) - dx * math.sin(yaw)
+        return ahead, aside, np.hypot(dy, dx)
+
+    def _in_cells(self, place: Place) -> tuple[float, float]:
+        x0, y0 = self.graph.geometry.origin
+        return (place.y - y0) / self._resolution, (place.x - x0) / self._resolution
+
+    def _center(self, cell: Cell, yaw: float | None) -> Place:
+        x, y = self.graph.geometry.cell_center(cell)
+        return Place(x=float(x), y=float(y), yaw=yaw)
+
+    def _nearest(
+        self, graph: TransitionGraph, start: Cell, goal: Place, deadline: float
+    ) -> Cell | None:
+        """The cell nearest to a goal, within the tolerance, that the start is connected with."""
+        # What can be driven can be driven back, at another cost.
+        connected = planner.cost_to_go(graph.incoming, start, deadline=deadline)
+        reach = math.ceil(self._params.goal_tolerance / self._resolution) + 1
+        cell = _cell(graph.geometry.cell_at((goal.x, goal.y)))
+        area = Area(cell[0], cell[1], 1, 1).grown(reach).within(graph.area)
+        *_, distance = self._offsets(area, goal)
+        is_there = connected.remaining[1:-1, 1:-1][area.slices(graph.area)] != 0
+        is_there &= distance * self._resolution <= self._params.goal_tolerance
+        if not is_there.any():
+            return None
+        iy, ix = np.unravel_index(np.where(is_there, distance, np.inf).argmin(), area.shape)
+        return int(iy) + area.iy, int(ix) + area.ix
+
+    def _refused(self, original: TransitionGraph, graph: TransitionGraph, goal: Cell) -> Plan:
+        if not original.enterable[goal]:
+            fault = self._fault(original, goal)
+            return Plan(status=Status.GOAL_OCCUPIED, reason=f"the goal {fault}")
+        if not graph.enterable[goal]:
+            reason = "the robot's rectangle does not fit at the goal"
+            return Plan(status=Status.GOAL_OCCUPIED, reason=reason)
+        reason = "no way that the robot can drive connects start and goal"
+        return Plan(status=Status.NO_VALID_PATH, reason=reason)
+
+    def _fault(self, graph: TransitionGraph, cell: Cell) -> str:
+        """Why the robot's middle cannot be over a cell."""
+        if graph.forbidden[cell]:
+            return "is on unknown ground"
+        if graph.occupied[cell]:
+            return "is on an obstacle: a step or a slope that is too high"
+        reach = math.ceil(self._terrain.robot_radius / self._resolution) + 1
+        area = Area(cell[0], cell[1], 1, 1).grown(reach).within(graph.area)
+        near = graph.occupied[area.slices(graph.area)]
+        iy, ix = np.nonzero(near)
+        distance = np.hypot(iy + area.iy - cell[0], ix + area.ix - cell[1]) * self._resolution
+        if len(distance) and distance.min() <= self._terrain.robot_radius + 1e-6:
+            return f"is {distance.min():.2f} m from an obstacle: the robot does not fit there"
+        return "is too near to unknown ground"
+
+    def _points(
+        self,
+        graph: TransitionGraph,
+        cost_to_go: CostToGo,
+        cells: NDArray[np.int64],
+        start: Place,
+        end: Place,
+    ) -> Points:
+        """The path [cells] from the start itself to the end itself."""
+        first, last = np.array(self._in_cells(start)), np.array(self._in_cells(end))
+        inner = list(pull_straight(graph, cost_to_go, cells))
+        # The ends lie beside the centres of their cells. Where that closes a line, the path leads
+        # over the centre.
+        if len(cells) == 1:
+            vertices = [first, last]
+        else:
+            head = [] if line_cost(graph, first, inner[1]) >= 0.0 else [inner[0]]
+            tail = [] if line_cost(graph, inner[-2], last) >= 0.0 else [inner[-1]]
+            vertices = [first, *head, *inner[1:-1], *tail, last]
+            if len(vertices) == 2 and line_cost(graph, first, last) < 0.0:
+                vertices = [first, inner[0], inner[-1], last]
+        return sampled(round_corners(graph, np.array(vertices)), SPACING / self._resolution)
+
+    def _overlap(
+        self, graph: TransitionGraph, points: Points, heading: Points, start: Cell
+    ) -> Cell | None:
+        """The cell of the first pose at which the rectangle does not fit.
+
+        In the start's cell the robot stands as it does, and turns.
+        """
+        poses = swept(points, heading)
+        poses = poses[(np.floor(poses[:, :2]) != start).any(axis=1)]
+        index = footprint_check.first_overlap(graph.occupied, poses, self._size)
+        return None if index < 0 else _cell(np.floor(poses[index, :2]))
+
+    def _result(
+        self,
+        graph: TransitionGraph,
+        cost_to_go: CostToGo,
+        points: Points,
+        heading: Points,
+        ends: tuple[Cell, Place, Place],
+    ) -> Plan:
+        start_cell, goal, end = ends
+        poses = self._poses(graph, points, heading)
+        steps = np.diff(poses[:, :3, 3], axis=0)
+        gradient = _interpolated(graph.gradient, points)
+        reach = footprint_check.FARTHEST / self._resolution
+        clearance = footprint_check.least_clearance(graph.occupied, points, reach)
+        reason = ""
+        if end is not goal:
+            away = math.hypot(end.x - goal.x, end.y - goal.y)
+            reason = f"ends {away:.2f} m from the goal, which cannot be reached"
+        return Plan(
+            status=Status.NONE,
+            reason=reason,
+            poses=poses,
+            length=float(np.linalg.norm(steps, axis=1).sum()),
+            climb=float(np.maximum(steps[:, 2], 0.0).sum()),
+            steepest_slope=float(np.arctan(np.hypot(*gradient).max())),
+            least_clearance=clearance * self._resolution if clearance < reach else math.inf,
+            cost=cost_to_go[start_cell] / STRAIGHT * self._resolution,
+            graph=graph,
+            cost_to_go=cost_to_go,
+        )
+
+    def _poses(
+        self, graph: TransitionGraph, points: Points, heading: Points
+    ) -> NDArray[np.float64]:
+        """Poses (N, 4, 4) on the surface, inclined as the ground under the footprint."""
+        x0, y0 = graph.geometry.origin
+        # The mean over the robot's length: single heights are noisy.
+        window = max(1, round(self._params.robot_length / SPACING))
+        height = _interpolated(graph.height[None], points)[0]
+        height = ndimage.uniform_filter1d(height, window, mode="nearest")
+        gx, gy = _interpolated(graph.gradient, points)
+        up = np.stack([-gx, -gy, np.ones_like(gx)], axis=-1)
+        up /= np.linalg.norm(up, axis=-1, keepdims=True)
+        ahead = np.stack([np.cos(heading), np.sin(heading), np.zeros_like(heading)], axis=-1)
+        ahead[:, 2] = gx * ahead[:, 0] + gy * ahead[:, 1]  # on the ground, seen from above the same
+        ahead /= np.linalg.norm(ahead, axis=-1, keepdims=True)
+        poses = np.tile(np.eye(4), (len(points), 1, 1))
+        poses[:, :3, 0], poses[:, :3, 1], poses[:, :3, 2] = ahead, np.cross(up, ahead), up
+        poses[:, 0, 3] = x0 + points[:, 1] * self._resolution
+        poses[:, 1, 3] = y0 + points[:, 0] * self._resolution
+        poses[:, 2, 3] = height
+        return poses
+
+
+def _cell(index: NDArray[np.float64] | NDArray[np.int64]) -> Cell:
+    return int(index[0]), int(index[1])
+
+
+def _interpolated(layers: NDArray[np.float32], points: Points) -> NDArray[np.float64]:
+    """(layers, N): layers (layers, rows, columns) between the centres of cells."""
+    places = np.maximum(points.T - 0.5, 0.0)
+    return np.array(
+        [ndimage.map_coordinates(layer, places, np.float64, 1, "nearest") for layer in layers]
+    )
+
+
+def _without(graph: TransitionGraph, cell: Cell) -> TransitionGraph:
+    """The graph with one cell closed."""
+    return graph.with_part(Area(*cell, 1, 1), enterable=np.zeros((1, 1), np.bool_))
+
+
+def _without_steps(blocked: NDArray[np.uint8], cells: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Transitions of which those from and to some cells are open."""
+    padded = np.pad(cells, 1)
+    rows, columns = cells.shape
+    opened = np.where(cells, np.uint8(255), np.uint8(0))
+    for k, (dy, dx) in enumerate(NEIGHBOURS):
+        there = padded[1 + dy : 1 + dy + rows, 1 + dx : 1 + dx + columns]
+        opened |= there.astype(np.uint8) << np.uint8(k)
+    return np.asarray(blocked & ~opened)
