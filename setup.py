@@ -41,6 +41,7 @@ setup(
         "console_scripts": [
             "heightmap25d = heightmap25d_ros.cli:main",
             "mapping = heightmap25d_ros.nodes.mapping:main",
+            "planning = heightmap25d_ros.nodes.planning:main",
             "replay = heightmap25d_ros.nodes.replay:main",
             "simulator = heightmap25d_ros.nodes.simulator:main",
         ],

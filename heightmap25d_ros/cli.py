@@ -10,8 +10,8 @@ import os
 import sys
 from collections.abc import Iterator
 
-from heightmap25d_ros.commands import mapping, maps, simulation
-from heightmap25d_ros.commands.command import Figures
+from heightmap25d_ros.commands import mapping, maps, planning, simulation
+from heightmap25d_ros.commands.command import Figures, NegativeResultError
 from heightmap25d_ros.errors import InputError
 
 EXIT_UNUSABLE = 2
@@ -22,6 +22,9 @@ def main(arguments: list[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     try:
         figures = options.command(options)
+        status = 0
+    except NegativeResultError as result:
+        figures, status = result.figures, result.exit_status
     except InputError as error:
         print(f"heightmap25d: {error}", file=sys.stderr)
         return EXIT_UNUSABLE
@@ -35,7 +38,7 @@ def main(arguments: list[str] | None = None) -> int:
         sys.stdout.flush()
     except BrokenPipeError:  # whoever read has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    return 0
+    return status
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -46,7 +49,7 @@ def _parser() -> argparse.ArgumentParser:
         "heightmap25d render out/ramp -o out/pictures",
     )
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for family in (mapping, maps, simulation):
+    for family in (mapping, maps, planning, simulation):
         family.add_to(commands)
     return parser
 

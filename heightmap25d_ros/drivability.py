@@ -8,6 +8,7 @@ Shares no code with what plans.
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -38,9 +39,12 @@ class Drivability:
     steepest_slope: float
     lowest_ceiling: float
 
-    def as_dict(self) -> dict[str, float]:
-        """The figures by name, rounded to millimetres and milliradians."""
-        return {name: round(value, 3) for name, value in asdict(self).items()}
+    def as_dict(self) -> dict[str, float | None]:
+        """The figures by name, rounded to millimetres and milliradians; infinite ones as None."""
+        return {
+            name: round(value, 3) if np.isfinite(value) else None
+            for name, value in asdict(self).items()
+        }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -121,7 +125,7 @@ def evaluate_path(
 
 def _dense(path: NDArray[np.float64]) -> NDArray[np.float64]:
     parts = [path[:1]]
-    for before, after in zip(path[:-1], path[1:], strict=True):
+    for before, after in pairwise(path):
         count = int(np.ceil(np.hypot(*(after - before)[:2]) / _BETWEEN)) + 1
         part = np.repeat(before[None], count, axis=0)
         part[:, :2] += np.linspace(0.0, 1.0, count)[:, None] * (after - before)[:2]
@@ -135,7 +139,7 @@ def _cells_under(
     """Rows and columns of the cells whose centres are in the rectangle; some may be outside."""
     reach = int(np.hypot(length, width) / 2 / geometry.resolution) + 2
     middle = geometry.cell_at((x, y))
-    offset = np.stack(np.mgrid[-reach : reach + 1, -reach : reach + 1], axis=-1).reshape(-1, 2)
+    offset = np.indices((2 * reach + 1, 2 * reach + 1)).reshape(2, -1).T - reach
     cells = middle + offset
     dx, dy = (geometry.cell_center(cells) - (x, y)).T
     ahead = dx * np.cos(heading) + dy * np.sin(heading)

@@ -130,6 +130,68 @@ def odometry(message: Any) -> Odometry:
     )
 
 
+def height_map(message: Any) -> HeightMap:
+    """`HeightMap` of a heightmap25d_msgs/HeightGrid.
+
+    Raises
+    ------
+    InputError
+        If its geometry is not that of a grid along the axes, the arrays do not go with it, or the
+        heights are in another unit.
+    """
+    geometry = _geometry(message.info)
+    if not math.isclose(message.height_resolution, HEIGHT_RESOLUTION, rel_tol=1e-5):
+        raise InputError(
+            f"height_resolution: is {message.height_resolution:g} m, not {HEIGHT_RESOLUTION:g} m"
+        )
+    threshold = float(message.probability_threshold)
+    if not 0.0 < threshold <= 1.0:
+        raise InputError(f"probability_threshold: {threshold:g} is not within 0 .. 1")
+    rows, columns = geometry.shape
+    for name in ("height", "probability"):
+        if len(getattr(message, name)) != rows * columns:
+            raise InputError(
+                f"{name}: {len(getattr(message, name))} values for {columns} x {rows} cells"
+            )
+    probability = np.asarray(message.probability, np.uint16) * (PROBABILITY_SCALE // 255)
+    return HeightMap(
+        geometry=geometry,
+        height=np.array(message.height, np.int16).reshape(geometry.shape),
+        probability=probability.astype(np.uint16).reshape(geometry.shape),
+        probability_threshold=threshold,
+    )
+
+
+def _geometry(info: Any) -> Geometry:
+    """Of a nav_msgs/MapMetaData without rotation."""
+    resolution = float(info.resolution)
+    if not 0.001 <= resolution <= 1000.0:
+        raise InputError(f"info.resolution: {resolution:g} m is not the side of a cell")
+    if not (info.width and info.height):
+        raise InputError(f"info: {info.width} x {info.height} cells are no map")
+    x, y, _, *rotation = _coordinates(info.origin.position, info.origin.orientation, "info.origin")
+    if abs(rotation[3]) < 1.0 - 1e-6:
+        raise InputError("info.origin: the map is turned")
+    # The resolution is a float32 there: 0.1 is not the 0.1 that the cells were made with.
+    return Geometry(
+        resolution=float(f"{resolution:.7g}"), origin=(x, y), shape=(info.height, info.width)
+    )
+
+
+def pose_in(message: Any, frame_id: str, field: str) -> se3.Matrix:
+    """(4, 4) matrix of a geometry_msgs/PoseStamped that must be in a frame.
+
+    Raises
+    ------
+    InputError
+        If it is in another one; and for what `pose` refuses.
+    """
+    frame = _frame(message.header.frame_id)
+    if frame != frame_id:
+        raise InputError(f"{field}.header.frame_id: is {frame!r}, not {frame_id!r}")
+    return pose(message.pose, f"{field}.pose")
+
+
 def pose(message: Any, field: str) -> se3.Matrix:
     """(4, 4) matrix of a geometry_msgs/Pose that stands in the given field of a message.
 
@@ -268,6 +330,30 @@ def fill_height_points(
     message.row_step = 16 * len(points)
     message.data = _array("B", points)
     message.is_dense = True
+
+
+def fill_path(
+    message: Any, pose_stamped: Any, poses: NDArray[np.float64], stamp: int, frame_id: str
+) -> None:
+    """Fill a nav_msgs/Path with poses (N, 4, 4).
+
+    Parameters
+    ----------
+    message : nav_msgs.msg.Path
+    pose_stamped : the class geometry_msgs.msg.PoseStamped
+    poses : (N, 4, 4) float64 [m], frame_id
+    stamp : int [ns]
+    frame_id : str
+    """
+    _fill_header(message.header, stamp, frame_id)
+    quaternions = se3.to_quaternion(poses) if len(poses) else np.empty((0, 4))
+    for T, quaternion in zip(poses, quaternions, strict=True):
+        stamped = pose_stamped()
+        _fill_header(stamped.header, stamp, frame_id)
+        place, rotation = stamped.pose.position, stamped.pose.orientation
+        place.x, place.y, place.z = (float(coordinate) for coordinate in T[:3, 3])
+        rotation.x, rotation.y, rotation.z, rotation.w = (float(part) for part in quaternion)
+        message.poses.append(stamped)
 
 
 def _fill_stamp(message: Any, stamp: int) -> None:

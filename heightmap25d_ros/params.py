@@ -229,7 +229,7 @@ class PlannerParams(_Section):
         2.0, "unknown: cost: added per metre over unknown cells", low=0.0, high=50.0
     )
     unknown_margin: float = _parameter(
-        0.32, "unknown: forbid: the robot's middle keeps this far from unknown cells", "m",
+        0.2, "unknown: forbid: the robot's middle keeps this far from unknown cells", "m",
         low=0.0, high=5.0,
     )  # fmt: skip
     max_gap: float = _parameter(
@@ -292,6 +292,23 @@ class MappingParams(_Section):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class PlanningParams(_Section):
+    """The planning node."""
+
+    replan_gain: float = _parameter(
+        0.2, "a path that is still open is replaced by one that is cheaper by this share",
+        low=0.0, high=1.0,
+    )  # fmt: skip
+    replan_angle: float = _parameter(
+        1.0, "the robot has left the path when it moves this far off the best direction", "rad",
+        low=0.4, high=3.14,
+    )  # fmt: skip
+    goal_reached: float = _parameter(
+        0.3, "a goal this near is reached, and not planned to any more", "m", low=0.0, high=10.0
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SimulatorParams(_Section):
     """The simulator node."""
 
@@ -317,6 +334,7 @@ class Params:
     planner: PlannerParams = field(default_factory=PlannerParams)
     intake: IntakeParams = field(default_factory=IntakeParams)
     mapping: MappingParams = field(default_factory=MappingParams)
+    planning: PlanningParams = field(default_factory=PlanningParams)
     simulator: SimulatorParams = field(default_factory=SimulatorParams)
 
 

@@ -33,8 +33,8 @@ MAX_BLOCKS = 200_000
 """The 3-D view merges cells, keeping the highest, until there are no more than this."""
 
 _DPI = 150
-_UNKNOWN, _FREE, _OCCUPIED = "black", "white", "#e4572e"
-_TRAJECTORY: dict[str, Any] = {"color": "#c020d0", "linewidth": 1.6, "solid_capstyle": "round"}
+UNKNOWN_COLOUR, _FREE, OCCUPIED_COLOUR = "black", "white", "#e4572e"
+TRAJECTORY: dict[str, Any] = {"color": "#c020d0", "linewidth": 1.6, "solid_capstyle": "round"}
 _LEAST_SPAN = 0.5
 """Heights that the colours span at least [m], so that noise is not painted as terrain."""
 _ELEVATION, _AZIMUTH = 38.0, -62.0
@@ -51,18 +51,18 @@ def height_map(path: Path, shown: HeightMap, trajectory: Trajectory | None = Non
     trajectory : (N, 3) float64 [m], map
         Drawn over it.
     """
-    shown = _observed_part(shown)
+    shown = observed_part(shown)
     metres = np.where(shown.known, shown.height * HEIGHT_RESOLUTION, np.nan)
-    figure, axes = _plan(shown.geometry)
-    axes.set_facecolor(_UNKNOWN)
+    figure, axes = map_axes(shown.geometry)
+    axes.set_facecolor(UNKNOWN_COLOUR)
     image = axes.imshow(
-        metres, cmap=_terrain(), norm=_norm(metres), origin="lower", extent=_extent(shown.geometry),
-        interpolation="nearest",
+        metres, cmap=terrain_colours(), norm=height_norm(metres), origin="lower",
+        extent=extent(shown.geometry), interpolation="nearest",
     )  # fmt: skip
     side = make_axes_locatable(axes).append_axes("right", size=0.14, pad=0.1)
     figure.colorbar(image, cax=side, label="height [m]")
     _draw_trajectory(axes, trajectory)
-    _save(figure, path)
+    save(figure, path)
 
 
 def obstacle_map(path: Path, shown: ObstacleMap, trajectory: Trajectory | None = None) -> None:
@@ -77,21 +77,26 @@ def obstacle_map(path: Path, shown: ObstacleMap, trajectory: Trajectory | None =
     area = _bounding_area(shown.occupancy >= 0)
     geometry = shown.geometry.part(area)
     occupancy = shown.occupancy[area.slices(_whole(shown.geometry))]
-    figure, axes = _plan(geometry)
+    figure, axes = map_axes(geometry)
     axes.imshow(
-        np.searchsorted([-1, 0, 100], occupancy), cmap=ListedColormap([_UNKNOWN, _FREE, _OCCUPIED]),
-        vmin=0, vmax=2, origin="lower", extent=_extent(geometry), interpolation="nearest",
+        np.searchsorted([-1, 0, 100], occupancy),
+        cmap=ListedColormap([UNKNOWN_COLOUR, _FREE, OCCUPIED_COLOUR]),
+        vmin=0, vmax=2, origin="lower", extent=extent(geometry), interpolation="nearest",
     )  # fmt: skip
     patches = [
         Patch(facecolor=colour, edgecolor="black", linewidth=0.6, label=label)
-        for colour, label in ((_FREE, "free"), (_OCCUPIED, "obstacle"), (_UNKNOWN, "unknown"))
+        for colour, label in (
+            (_FREE, "free"),
+            (OCCUPIED_COLOUR, "obstacle"),
+            (UNKNOWN_COLOUR, "unknown"),
+        )
     ]
     axes.legend(
         handles=patches, loc="lower right", bbox_to_anchor=(1.0, 1.01), ncol=3, frameon=False,
         borderaxespad=0.0,
     )  # fmt: skip
     _draw_trajectory(axes, trajectory)
-    _save(figure, path)
+    save(figure, path)
 
 
 def blocks(path: Path, shown: HeightMap, trajectory: Trajectory | None = None) -> None:
@@ -102,17 +107,17 @@ def blocks(path: Path, shown: HeightMap, trajectory: Trajectory | None = None) -
     path, shown, trajectory :
         As of `height_map`. A map of more than `MAX_BLOCKS` cells is shown with larger cells.
     """
-    shown = block_view.coarser(_observed_part(shown), MAX_BLOCKS)
+    shown = block_view.coarser(observed_part(shown), MAX_BLOCKS)
     metres = np.where(shown.known, shown.height * HEIGHT_RESOLUTION, np.nan)
-    norm = _norm(metres)
+    norm = height_norm(metres)
     faces = block_view.faces(shown.geometry, metres, np.radians(_AZIMUTH))
-    colours = _terrain()(norm(faces.height))[:, :3] * faces.shade[:, None]
-    limits = _extent(shown.geometry)[:2], _extent(shown.geometry)[2:], (norm.vmin, norm.vmax)
+    colours = terrain_colours()(norm(faces.height))[:, :3] * faces.shade[:, None]
+    limits = extent(shown.geometry)[:2], extent(shown.geometry)[2:], (norm.vmin, norm.vmax)
     figure = Figure(figsize=(12.0, 9.0))
     axes = _space(figure, np.array(limits))
     axes.add_collection(_Faces(faces.corners, colours), autolim=False)
     if trajectory is not None:
-        axes.plot(*trajectory[:, :3].T, **_TRAJECTORY, clip_on=False)
+        axes.plot(*trajectory[:, :3].T, **TRAJECTORY, clip_on=False)
     FigureCanvasAgg(figure)
     figure.draw_without_rendering()
     drawn = _drawn_box(axes)
@@ -120,9 +125,9 @@ def blocks(path: Path, shown: HeightMap, trajectory: Trajectory | None = None) -
     width_height = figure.get_size_inches()
     side = figure.add_axes((x / width_height[0], y / width_height[1],
                             0.15 / width_height[0], height / width_height[1]))  # fmt: skip
-    figure.colorbar(ScalarMappable(norm, _terrain()), cax=side, label="height [m]")
+    figure.colorbar(ScalarMappable(norm, terrain_colours()), cax=side, label="height [m]")
     picture = Bbox.union([drawn, Bbox.from_bounds(x, y, 0.9, height)]).padded(0.25)
-    _save(figure, path, picture)
+    save(figure, path, picture)
 
 
 def _drawn_box(axes: Any) -> Bbox:
@@ -180,7 +185,8 @@ class _Faces(PolyCollection):
         return float(np.min(depth, initial=0.0))
 
 
-def _observed_part(shown: HeightMap) -> HeightMap:
+def observed_part(shown: HeightMap) -> HeightMap:
+    """What is known of a map, with a margin of two cells."""
     area = _bounding_area(shown.known)
     part = area.slices(_whole(shown.geometry))
     return HeightMap(
@@ -205,7 +211,7 @@ def _whole(geometry: Geometry) -> Area:
     return Area(0, 0, *geometry.shape)
 
 
-def _plan(geometry: Geometry) -> tuple[Figure, Axes]:
+def map_axes(geometry: Geometry) -> tuple[Figure, Axes]:
     """A figure whose axes show the map from above, in metres, at one scale."""
     height, width = (cells * geometry.resolution for cells in geometry.shape)
     scale = min(11.0 / width, 9.0 / height)
@@ -215,20 +221,21 @@ def _plan(geometry: Geometry) -> tuple[Figure, Axes]:
     return figure, axes
 
 
-def _extent(geometry: Geometry) -> tuple[float, float, float, float]:
+def extent(geometry: Geometry) -> tuple[float, float, float, float]:
     """West, east, south, north [m]."""
     x, y = geometry.cell_corner(geometry.shape)
     return geometry.origin[0], float(x), geometry.origin[1], float(y)
 
 
-def _terrain() -> LinearSegmentedColormap:
+def terrain_colours() -> LinearSegmentedColormap:
     """Colours of matplotlib's terrain without its darkest blue and its white."""
     return LinearSegmentedColormap.from_list(
         "terrain", matplotlib.colormaps["terrain"](np.linspace(0.15, 0.97, 256))
     )
 
 
-def _norm(metres: NDArray[np.float64]) -> Normalize:
+def height_norm(metres: NDArray[np.float64]) -> Normalize:
+    """Colours' range over the finite heights [m], half a metre at the least."""
     known = metres[np.isfinite(metres)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
     missing = max(_LEAST_SPAN - (high - low), 0.0)
@@ -237,9 +244,10 @@ def _norm(metres: NDArray[np.float64]) -> Normalize:
 
 def _draw_trajectory(axes: Axes, trajectory: Trajectory | None) -> None:
     if trajectory is not None:
-        axes.plot(trajectory[:, 0], trajectory[:, 1], **_TRAJECTORY)
+        axes.plot(trajectory[:, 0], trajectory[:, 1], **TRAJECTORY)
 
 
-def _save(figure: Figure, path: Path, part: Bbox | str = "tight") -> None:
+def save(figure: Figure, path: Path, part: Bbox | str = "tight") -> None:
+    """Write a figure, or a part of it, as a picture; the same one, the same bytes."""
     FigureCanvasAgg(figure)
     figure.savefig(path, dpi=_DPI, bbox_inches=part, metadata={"Software": None})

@@ -40,6 +40,8 @@ class Status(IntEnum):
     """Why there is a path or none: the codes of nav2_msgs/action/ComputePathToPose of Jazzy."""
 
     NONE = 0
+    UNKNOWN = 200
+    TF_ERROR = 202
     START_OUTSIDE_MAP = 203
     GOAL_OUTSIDE_MAP = 204
     START_OCCUPIED = 205
@@ -48,7 +50,7 @@ class Status(IntEnum):
     NO_VALID_PATH = 208
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Place:
     """Where to start or to end: x, y [m], map, and the heading [rad] where it matters."""
 
@@ -141,6 +143,17 @@ class RoutePlanner:
             seconds = f"{self._params.timeout:g} s"
             plan = Plan(status=Status.TIMEOUT, reason=f"no path was found within {seconds}")
         return replace(plan, seconds=time.monotonic() - began)
+
+    def fits_along(self, graph: TransitionGraph, points: Points, heading: Points) -> bool:
+        """Whether the rectangle fits along a path, except for where it begins.
+
+        Parameters
+        ----------
+        graph : TransitionGraph
+        points : (N, 2) float64 [cells], (y, x)
+        heading : (N,) float64 [rad]
+        """
+        return self._overlap(graph, points, heading, _cell(np.floor(points[0]))) is None
 
     def _plan(
         self, start: Place, goal: Place, is_robot_there: bool, is_field_wanted: bool, began: float

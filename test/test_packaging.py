@@ -17,22 +17,25 @@ from catkin_pkg.package import Package, parse_package
 
 ROOT = Path(__file__).resolve().parent.parent
 NAME = "heightmap25d_ros"
-EXECUTABLES = {"heightmap25d", "mapping", "replay", "simulator"}
+EXECUTABLES = {"heightmap25d", "mapping", "planning", "replay", "simulator"}
 
 # A module imports only modules before it; those of nodes/ and simulation/ also one another.
 ORDER = [
     "errors", "se3", "params", "parameter_file",
     "grid", "sensor",
     "mapper", "terrain", "footprint", "traversability",
-    "messages", "transforms", "intake", "mapping",
-    "bag", "atomic_directory", "map_io", "block_view", "render",
-    "evaluation", "reachability", "trajectory_error",
+    "intrinsics", "planner", "transition_costs", "path", "footprint_check", "route",
+    "messages", "transforms", "intake", "mapping", "planning",
+    "bag", "atomic_directory", "map_io", "block_view", "render", "plan_view",
+    "evaluation", "reachability", "drivability", "trajectory_error",
     "simulation",
     "commands", "cli", "nodes",
 ]  # fmt: skip
 
-# rosdep's name of what is imported under another name; rosbags and mujoco, an extra, have none.
+# rosdep's name of what is imported under another name; rosbags and mujoco, an extra, have none,
+# and llvmlite comes with numba.
 ROSDEP_KEYS = {
+    "llvmlite": None,
     "matplotlib": "python3-matplotlib",
     "mpl_toolkits": "python3-matplotlib",
     "numba": "python3-numba",

@@ -69,7 +69,7 @@ def test_height_map_shows_the_block_and_the_unknown(tmp_path: Path) -> None:
     frame = image[: image.shape[0] * 5 // 6, : image.shape[1] * 8 // 10]
     is_unknown = (frame < 8).all(axis=-1)
     assert is_unknown.sum() > 0.05 * is_unknown.size
-    lowest, highest = (render._terrain()(value)[:3] for value in (0.0, 1.0))
+    lowest, highest = (render.terrain_colours()(value)[:3] for value in (0.0, 1.0))
     is_low, is_high = (
         (np.abs(frame - 255 * np.array(colour)) < 4).all(axis=-1) for colour in (lowest, highest)
     )
@@ -98,7 +98,7 @@ def test_blocks_show_tops_and_sides(tmp_path: Path) -> None:
     render.blocks(path, height_map())
     image = pixels(path)
     assert min(image.shape[:2]) > 400
-    top = 255 * np.array(render._terrain()(1.0)[:3])
+    top = 255 * np.array(render.terrain_colours()(1.0)[:3])
     for shade in (1.0, 0.72, 0.55):  # of the block's top and its two sides
         assert (np.abs(image - shade * top) < 5).all(axis=-1).sum() > 100
 

@@ -29,8 +29,6 @@ from heightmap25d_ros.mapping import Mapping, compile_kernels
 from heightmap25d_ros.nodes import process
 from heightmap25d_ros.traversability import ObstacleMap
 
-_REPORT_PERIOD = 5.0  # [s] between two lines about dropped messages
-_LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 # As qos_profile_sensor_data, but deep enough for the scans that come while a map is converted.
 _SCANS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 _Maps = tuple[HeightMap, ObstacleMap]
@@ -53,10 +51,10 @@ class MappingNode(Node):
         self._published: dict[str, int] = {}
         self._reported = 0
         self._publishers_of_maps = {
-            "height_grid": self.create_publisher(HeightGridMessage, "height_grid", _LATCHED),
-            "map": self.create_publisher(OccupancyGrid, "map", _LATCHED),
-            "cost_map": self.create_publisher(OccupancyGrid, "cost_map", _LATCHED),
-            "height_points": self.create_publisher(PointCloud2, "height_points", _LATCHED),
+            "height_grid": self.create_publisher(HeightGridMessage, "height_grid", process.LATCHED),
+            "map": self.create_publisher(OccupancyGrid, "map", process.LATCHED),
+            "cost_map": self.create_publisher(OccupancyGrid, "cost_map", process.LATCHED),
+            "height_points": self.create_publisher(PointCloud2, "height_points", process.LATCHED),
         }
         self._subscribe()
         self.create_service(SaveMap, "~/save_map", self._save_map)
@@ -66,7 +64,7 @@ class MappingNode(Node):
         # Maps are published by the wall clock, however fast a bag is replayed.
         wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0 / self._params.mapping.publish_rate, self._publish, clock=wall_clock)
-        self.create_timer(_REPORT_PERIOD, self._report_drops, clock=wall_clock)
+        self.create_timer(process.REPORT_PERIOD, self._report_drops, clock=wall_clock)
 
     def _subscribe(self) -> None:
         for topic in self._params.intake.scan_topics:
@@ -107,7 +105,7 @@ class MappingNode(Node):
         try:
             maps = self._mapping.maps()
         except InputError as error:
-            self.get_logger().error(str(error), throttle_duration_sec=_REPORT_PERIOD)
+            self.get_logger().error(str(error), throttle_duration_sec=process.REPORT_PERIOD)
             return
         for topic in due:
             self._publish_to(topic, self._publishers_of_maps[topic], maps)
@@ -184,11 +182,7 @@ class MappingNode(Node):
         return response
 
     def _report_drops(self) -> None:
-        dropped = self._mapping.dropped
-        if dropped.total() > self._reported:
-            self._reported = dropped.total()
-            reasons = ", ".join(f"{reason} ({count})" for reason, count in dropped.most_common())
-            self.get_logger().warning(f"dropped so far: {reasons}")
+        self._reported = process.report_drops(self, self._mapping.dropped, self._reported)
 
 
 def main() -> int:

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import sys
+from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
@@ -15,9 +16,16 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.params import Params, Spec, Value, flatten, with_values
+
+REPORT_PERIOD = 5.0
+"""Between two lines about dropped messages [s]."""
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""Of maps and plans: reliable, and who comes late gets the last one."""
 
 # Parameters that rclpy brings along in every node.
 _RCLPY_PARAMETERS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
@@ -60,6 +68,23 @@ def _descriptor(spec: Spec, value: Value) -> ParameterDescriptor:
             FloatingPointRange(from_value=spec.low, to_value=spec.high)
         ]
     return descriptor
+
+
+def report_drops(node: Node, dropped: Counter[str], reported: int) -> int:
+    """Warn of messages that were dropped since the last time; how many there are now.
+
+    Parameters
+    ----------
+    node : Node
+    dropped : Counter of str
+        How many, by reason.
+    reported : int
+        What the last call returned; at first 0.
+    """
+    if dropped.total() > reported:
+        reasons = ", ".join(f"{reason} ({count})" for reason, count in dropped.most_common())
+        node.get_logger().warning(f"dropped so far: {reasons}")
+    return dropped.total()
 
 
 def _made(make_node: Callable[[], Node]) -> Node:

@@ -1,0 +1,95 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The planning node: a height grid and a goal in, a path out."""
+
+from __future__ import annotations
+
+import sys
+
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry, Path
+from nav_msgs.srv import GetPlan
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+
+from heightmap25d_msgs.msg import HeightGrid, PlanStatus
+from heightmap25d_ros import messages
+from heightmap25d_ros.nodes import process
+from heightmap25d_ros.planning import Planning, compile_kernels
+from heightmap25d_ros.route import Plan, Status
+
+
+class PlanningNode(Node):
+    """Thin: hands messages to `Planning`, and publishes the plans that it returns."""
+
+    def __init__(self) -> None:
+        super().__init__("planning", automatically_declare_parameters_from_overrides=True)
+        params = process.declare_params(self)
+        self._planning = Planning(params)
+        self._map_frame = params.mapping.map_frame
+        self._reported = 0
+        compile_kernels(params)
+        self._path_publisher = self.create_publisher(Path, "plan", process.LATCHED)
+        self._status_publisher = self.create_publisher(PlanStatus, "~/status", process.LATCHED)
+        self.create_subscription(HeightGrid, "height_grid", self._on_map, process.LATCHED)
+        self.create_subscription(PoseStamped, "goal_pose", self._on_goal, 10)
+        self.create_subscription(Odometry, "odom", self._on_odometry, 10)
+        self.create_subscription(
+            PoseWithCovarianceStamped, "pose_correction", self._planning.take_correction, 10
+        )
+        self.create_service(GetPlan, "~/get_plan", self._get_plan)
+        wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(process.REPORT_PERIOD, self._report_drops, clock=wall_clock)
+
+    def _on_goal(self, message: PoseStamped) -> None:
+        self._publish(self._planning.take_goal(message))
+
+    def _on_map(self, message: HeightGrid) -> None:
+        self._publish(self._planning.take_map(message))
+
+    def _on_odometry(self, message: Odometry) -> None:
+        self._publish(self._planning.take_odometry(message))
+
+    def _publish(self, plan: Plan | None) -> None:
+        if plan is None:
+            return
+        stamp = self.get_clock().now().nanoseconds
+        path = Path()
+        self._fill_path(path, plan, stamp)
+        self._path_publisher.publish(path)
+        status = PlanStatus(
+            code=int(plan.status),
+            reason=plan.reason,
+            length=plan.length,
+            climb=plan.climb,
+            steepest_slope=plan.steepest_slope,
+            least_clearance=plan.least_clearance,
+            planning_time=plan.seconds,
+        )
+        status.header = path.header
+        self._status_publisher.publish(status)
+        if plan.status is not Status.NONE:
+            self.get_logger().warning(f"no path: {plan.reason}")
+
+    def _fill_path(self, path: Path, plan: Plan, stamp: int) -> None:
+        frame = self._planning.frame_id or self._map_frame
+        messages.fill_path(path, PoseStamped, plan.poses, stamp, frame)
+
+    def _get_plan(self, request: GetPlan.Request, response: GetPlan.Response) -> GetPlan.Response:
+        plan = self._planning.plan_between(request.start, request.goal, request.tolerance)
+        self._fill_path(response.plan, plan, self.get_clock().now().nanoseconds)
+        if plan.status is not Status.NONE:
+            self.get_logger().warning(f"get_plan: no path: {plan.reason}")
+        return response
+
+    def _report_drops(self) -> None:
+        self._reported = process.report_drops(self, self._planning.dropped, self._reported)
+
+
+def main() -> int:
+    """Run the node."""
+    return process.run(PlanningNode)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
