@@ -33,6 +33,9 @@ from heightmap25d_ros.transition_costs import TransitionGraph
 _FOOTPRINT_EVERY = 1.0
 """Along the path [m]."""
 
+_PROFILE, _GAP = 1.5, 0.7
+"""Height of the profile, and between it and the map [inch]."""
+
 
 def distances(poses: NDArray[np.float64]) -> NDArray[np.float64]:
     """(N,) [m]: how far along a path of poses (N, 4, 4) each of them is."""
@@ -59,11 +62,13 @@ def draw(
     """
     shown = observed_part(height_map)
     figure, axes = map_axes(shown.geometry)
+    width, height = figure.get_size_inches()
+    figure.set_size_inches(width, height + _PROFILE + _GAP)
     divider = make_axes_locatable(axes)
     side = divider.append_axes("right", size=0.14, pad=0.1)
     _draw_map(axes, side, shown, graph)
     _draw_path(axes, plan, robot)
-    _draw_profile(divider.append_axes("bottom", size=1.5, pad=0.7), plan)
+    _draw_profile(divider.append_axes("bottom", size=_PROFILE, pad=_GAP), plan)
     save(figure, path)
 
 

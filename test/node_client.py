@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The mapping node as a process of its own, and a client that talks to it over DDS."""
+"""A node as a process of its own, and a client that talks to it over DDS."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -53,9 +53,9 @@ class Client:
 
         self.node.create_subscription(kind, topic, keep, LATCHED)
 
-    def publish(self, topic: str, message: Any) -> None:
+    def publish(self, topic: str, message: Any, profile: QoSProfile | int = 100) -> None:
         if topic not in self._publishers:
-            self._publishers[topic] = self.node.create_publisher(type(message), topic, 100)
+            self._publishers[topic] = self.node.create_publisher(type(message), topic, profile)
             self.wait(lambda: self._publishers[topic].get_subscription_count() > 0)
             self.spin(0.5)  # the subscriber, too, must have found the publisher
         self._publishers[topic].publish(message)
@@ -89,13 +89,13 @@ def start(module: str, *arguments: str, **options: Any) -> subprocess.Popen[str]
 
 
 @contextmanager
-def mapping_node(
-    directory: Path, *arguments: str, namespace: str = "/"
+def node_process(
+    name: str, *arguments: str, namespace: str = "/"
 ) -> Iterator[subprocess.Popen[str]]:
-    """The node's process; ends it with Ctrl-C, and it must end well."""
+    """A node's process; ends it with Ctrl-C, and it must end well."""
     process = start(
-        "nodes.mapping", "--ros-args", *arguments, "-r", f"__ns:={namespace}",
-        "-p", f"mapping.map_directory:={directory}", stderr=subprocess.PIPE,
+        f"nodes.{name}", "--ros-args", *arguments, "-r", f"__ns:={namespace}",
+        stderr=subprocess.PIPE,
     )  # fmt: skip
     try:
         yield process
@@ -103,3 +103,11 @@ def mapping_node(
         process.send_signal(signal.SIGINT)
         _, process.log = process.communicate(timeout=PATIENCE)
     assert process.returncode == 0, process.log
+
+
+def mapping_node(
+    directory: Path, *arguments: str, namespace: str = "/"
+) -> AbstractContextManager[subprocess.Popen[str]]:
+    """The mapping node's process, with its maps in a directory."""
+    mine = "-p", f"mapping.map_directory:={directory}"
+    return node_process("mapping", *arguments, *mine, namespace=namespace)
