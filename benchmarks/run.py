@@ -19,9 +19,12 @@ import messages
 import node
 import numba
 import numpy as np
+import planning
+import planning_node
 
 ROOT = Path(__file__).parent.parent
 OUT = ROOT / "out" / "bench.json"
+PEERS = ("octomap-python", "rosbags", "pyastar2d", "scikit-image")
 
 # Of a section's figures: at least or at most so much.
 TARGETS = {
@@ -37,6 +40,18 @@ TARGETS = {
     ("node", "four maps at 2 Hz: messages dropped"): ("<=", 0.0),
     ("memory", "ramp_numbers"): ("<=", 32_768),
     ("memory", "ramp_numbers_3d"): (">=", 262_144),
+    **{
+        ("planning", f"{kind} {side}: {ratio}"): bound
+        for kind in planning.KINDS
+        for side in planning.ROUNDS
+        for ratio, bound in (
+            ("pyastar2d / ours", (">=", 1.5)),
+            ("MCP_Geometric / ours", (">=", 8.0)),
+            ("ours / C", ("<=", 1.3)),
+        )
+    },
+    ("planning", "median of maps: pyastar2d / ours"): (">=", 2.0),
+    ("planning node", "goals without a path"): ("<=", 0.0),
 }
 
 
@@ -46,7 +61,9 @@ def main() -> None:
         "mapping": mapping.measure(),
         "conversion": conversion.measure(),
         "memory": memory.measure(),
+        "planning": planning.measure(),
         "node": node.measure(),
+        "planning node": planning_node.measure(),
         "messages": messages.measure(),
         "command line": command_line(),
     }
@@ -77,7 +94,7 @@ def machine() -> dict[str, str]:
         "numpy": np.__version__,
         "numba": numba.__version__,
         "cc": subprocess.check_output(["cc", "--version"], text=True).partition("\n")[0],
-        **{package: version(package) for package in ("octomap-python", "rosbags")},
+        **{package: version(package) for package in PEERS},
     }
 
 
