@@ -9,7 +9,9 @@ Read the modules in this order; imports point only upwards:
 3. ``sensor``: a scan, its mount and the poses of the robot become beams.
 4. ``mapper``: the paper on one screen, beams into cells.
 5. ``terrain``, ``footprint``, ``traversability``: heights become transitions, obstacles and cost.
-6. ``messages``, ``transforms``, ``intake``: ROS messages become scans with poses.
-7. ``bag``, ``map_io``, ``evaluation``, ``render``: files in, files out.
-8. ``commands``, ``cli`` and ``nodes``: the same objects driven from a bag and from topics.
+6. ``planner``, ``transition_costs``, ``path``, ``route``: transitions and a goal become a path.
+7. ``messages``, ``transforms``, ``intake``: ROS messages become scans with poses; ``mapping`` and
+   ``planning``: messages in, maps and plans out.
+8. ``bag``, ``map_io``, ``evaluation``, ``render``: files in, files out.
+9. ``commands``, ``cli`` and ``nodes``: the same objects driven from a bag and from topics.
 """
