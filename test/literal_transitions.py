@@ -77,6 +77,28 @@ def components(incoming):
     return labels.reshape(rows, columns)
 
 
+def rectangle_holds(pose, size, points):
+    """Whether points (N, 2) as (y, x) are in a rectangle, behind all four of its edges; and
+    whether that hangs on the last bits.
+
+    The pose is y, x and heading, the size length (along the heading) and width.
+    """
+    y, x, heading = pose
+    ahead = np.array([math.sin(heading), math.cos(heading)])
+    left = np.array([math.cos(heading), -math.sin(heading)])
+    corners = [
+        np.array([y, x]) + sign_a * size[0] / 2 * ahead + sign_l * size[1] / 2 * left
+        for sign_a, sign_l in ((1, 1), (-1, 1), (-1, -1), (1, -1))
+    ]
+    inside, undecided = np.ones(len(points), bool), np.zeros(len(points), bool)
+    for corner, after in zip(corners, corners[1:] + corners[:1], strict=True):
+        edge = after - corner
+        side = edge[1] * (points[:, 0] - corner[0]) - edge[0] * (points[:, 1] - corner[1])
+        inside &= side >= 0
+        undecided |= abs(side) < 1e-9
+    return inside, undecided
+
+
 @dataclass
 class LiteralGround:
     """Ground of cells, addressed by (row, column)."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from literal_transitions import LiteralGround, steps_closed
+from literal_transitions import LiteralGround, rectangle_holds, steps_closed
 from small_terrain import SEEDS, drawn, graph, random_cells, random_graph
 
 from heightmap25d_ros.footprint_check import first_overlap, least_clearance
@@ -245,24 +245,6 @@ def test_a_turn_on_the_spot_goes_the_shorter_way():
     at_end = np.degrees(poses[(poses[:, 1] == 1.0), 2])
     assert at_end.min() >= -1e-9
     assert at_end.max() <= 170 + 1e-9
-
-
-def rectangle_holds(pose, size, points):
-    """Whether points (N, 2) as (y, x) are in a rectangle: behind all four of its edges."""
-    y, x, heading = pose
-    ahead = np.array([math.sin(heading), math.cos(heading)])
-    left = np.array([math.cos(heading), -math.sin(heading)])
-    corners = [
-        np.array([y, x]) + sign_a * size[0] / 2 * ahead + sign_l * size[1] / 2 * left
-        for sign_a, sign_l in ((1, 1), (-1, 1), (-1, -1), (1, -1))
-    ]
-    inside, undecided = np.ones(len(points), bool), np.zeros(len(points), bool)
-    for corner, after in zip(corners, corners[1:] + corners[:1], strict=True):
-        edge = after - corner
-        side = edge[1] * (points[:, 0] - corner[0]) - edge[0] * (points[:, 1] - corner[1])
-        inside &= side >= 0
-        undecided |= abs(side) < 1e-9
-    return inside, undecided
 
 
 @given(SEEDS)
