@@ -49,9 +49,9 @@ def test_a_step_across_the_way(height):
     [(0.25, 0.5), (0.30, 0.0), (0.40, 0.0)],
 )
 def test_a_kerb_along_the_way_counts_where_it_is_under_the_rectangle(reach, step):
-    left, right = np.where(Y - 2.0 > reach, 0.5, 0.0), np.where(2.0 - Y > reach, 0.5, 0.0)
-    assert driven(left, *ALONG_X).largest_step == step
-    assert driven(right, *ALONG_X).largest_step == step
+    aside = Y - 2.0
+    assert driven(np.where(aside > reach, 0.5, 0.0), *ALONG_X).largest_step == step
+    assert driven(np.where(aside < -reach, 0.5, 0.0), *ALONG_X).largest_step == step
 
 
 def test_the_rectangle_is_long_where_it_looks():
