@@ -19,6 +19,8 @@ Maps of corridors 12 cells wide, of rooms, of boxes and of open terrain are what
 looks like in cells of 0.125 m. Corridors of 4 cells and single closed cells, one in five, are
 where a search of this kind gains the least.
 
+The times of ours hold the cells of the way, as pyastar2d's do; the ratio to C is of the searches.
+
 Before anything is timed, the cost of the guided search is compared with the field's, both with
 C's, and, with corners allowed, the length with MCP_Geometric's.
 """
