@@ -285,6 +285,29 @@ def test_a_search_in_several_slices():
         cost_to_go(incoming, goal, deadline=time.monotonic() - 1.0)
 
 
+def test_a_way_that_is_too_long_to_be_counted_is_not_found():
+    side = 801
+    enterable = np.ones((side, side), bool)
+    enterable[1::4, :-1] = enterable[3::4, 1:] = False  # one way, to and fro
+    incoming = graph(enterable, weight=np.full((side, side), 1000.0, np.float32)).incoming
+    result = cost_to_go(incoming, (0, 0)).dense()
+    cells = np.concatenate(
+        [
+            [(y, x) for x in (range(side) if y % 4 == 0 else range(side - 1, -1, -1))]
+            if y % 2 == 0
+            else [(y, side - 1 if y % 4 == 1 else 0)]
+            for y in range(side)
+        ]
+    )
+    found = result[tuple(cells.T)]
+    expected = LARGEST_COST * np.arange(len(cells), dtype=np.int64)
+    assert expected[-1] > 2**31
+    is_near = expected < 2**31 - 3 * LARGEST_COST
+    assert (found[is_near] == expected[is_near]).all()
+    assert (found[expected >= 2**31] == UNREACHABLE).all()
+    assert (result[~enterable] == UNREACHABLE).all()
+
+
 def test_a_long_thin_grid():
     shape = (1, LARGEST_SIDE - 2)
     result = cost_to_go(graph(np.ones(shape, bool)).incoming, (0, 0))

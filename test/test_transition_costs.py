@@ -190,7 +190,7 @@ def test_gaps_that_are_too_wide_stay():
     assert filled(*wide) == wide
     assert filled(*wide, max_gap=0.5) == ["1 1 1 1 1 1 1 1 1"] * 9
     narrow = ["1 1 ? 1 1"] * 5
-    assert filled(*narrow, max_gap=0.2) == narrow
+    assert filled(*narrow, max_gap=0.1) == narrow
     assert filled(*narrow, max_gap=0.0) == narrow
 
 
