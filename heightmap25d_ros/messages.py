@@ -186,10 +186,24 @@ def pose_in(message: Any, frame_id: str, field: str) -> se3.Matrix:
     InputError
         If it is in another one; and for what `pose` refuses.
     """
-    frame = _frame(message.header.frame_id)
+    try:
+        require_frame(message.header, frame_id)
+        return pose(message.pose, "pose")
+    except InputError as error:
+        raise InputError(f"{field}.{error}") from None
+
+
+def require_frame(header: Any, frame_id: str) -> None:
+    """Refuse a std_msgs/Header of another frame.
+
+    Raises
+    ------
+    InputError
+        If it is another one.
+    """
+    frame = _frame(header.frame_id)
     if frame != frame_id:
-        raise InputError(f"{field}.header.frame_id: is {frame!r}, not {frame_id!r}")
-    return pose(message.pose, f"{field}.pose")
+        raise InputError(f"header.frame_id: is {frame!r}, not {frame_id!r}")
 
 
 def pose(message: Any, field: str) -> se3.Matrix:

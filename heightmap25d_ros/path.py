@@ -33,6 +33,9 @@ _SLACK = 1.001
 
 _CLOSED = -1.0
 
+_TINY = 1e-9
+"""Borders so near to one another [cells] are crossed at once."""
+
 _TURN_STEP = math.radians(10.0)
 """Between the headings that are checked where the robot turns on the spot."""
 
@@ -157,14 +160,16 @@ def _line_cost(terrain, y, x, end_y, end_x):
     next_x, gap_x = _borders(x, ux)
     cost, at = 0.0, 0.0
     while True:
-        border = min(next_y, next_x, length)
+        border = min(next_y, next_x)
+        until = min(border, length)
         slope_y, slope_x = gradient[1, iy, ix], gradient[0, iy, ix]
         along, across = slope_x * ux + slope_y * uy, slope_x * uy - slope_y * ux
-        cost += (border - at) * rate(along, across, weight[iy, ix], slope_weights)
-        at = border
-        if (iy == last_y and ix == last_x) or border >= length:
+        cost += (until - at) * rate(along, across, weight[iy, ix], slope_weights)
+        at = until
+        # A line that ends on a border ends in the cell behind it.
+        if (iy == last_y and ix == last_x) or border > length + _TINY:
             return cost
-        is_corner = abs(next_y - next_x) < 1e-9
+        is_corner = abs(next_y - next_x) < _TINY
         dy = (1 if uy > 0 else -1) if next_y <= next_x or is_corner else 0
         dx = (1 if ux > 0 else -1) if next_x <= next_y or is_corner else 0
         if not _is_open(enterable, blocked, iy, ix, dy, dx):

@@ -7,7 +7,6 @@ from __future__ import annotations
 import math
 from collections import Counter
 from dataclasses import replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -17,13 +16,15 @@ from heightmap25d_ros import messages, se3
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid import Geometry, HeightMap
 from heightmap25d_ros.params import Params
-from heightmap25d_ros.path import line_cost
 from heightmap25d_ros.planner import UNREACHABLE
 from heightmap25d_ros.route import Place, Plan, RoutePlanner, Status
-from heightmap25d_ros.transition_costs import TransitionGraph, transition_graph
+from heightmap25d_ros.transition_costs import transition_graph
 
 MOTION = 0.3
 """How far the robot moves before the direction of its motion is looked at [m]."""
+
+LEAST_GAIN = 0.5
+"""What a cheaper path must save at least [m of flat ground]: costs are those of whole cells."""
 
 AHEAD = 1.0
 """The best direction is that to the place so far along the best way [m]."""
@@ -60,17 +61,11 @@ class Planning:
 
     Attributes
     ----------
-    frame_id : str
-        The map's; empty before there is one.
-    stamp_ns : int [ns]
-        The map's.
     dropped : Counter of str
         How many messages were not used, by reason.
     """
 
     def __init__(self, params: Params) -> None:
-        self.frame_id = ""
-        self.stamp_ns = 0
         self.dropped: Counter[str] = Counter()
         self._params = params
         self._T_map_odom = np.eye(4)
@@ -79,17 +74,16 @@ class Planning:
         self._planner: RoutePlanner | None = None
         self._goal: Place | None = None
         self._plan: Plan | None = None
-        self._moved_from: NDArray[np.float64] | None = None
+        self._moved_from = np.zeros(2)
 
     def take_map(self, message: Any) -> Plan | None:
         """Take a heightmap25d_msgs/HeightGrid in; a plan where the map asks for another one."""
         try:
+            messages.require_frame(message.header, self._params.mapping.map_frame)
             height_map = messages.height_map(message)
-            stamp_ns = messages.stamp_ns(message.header)
         except InputError as error:
             self._drop("map", error)
             return None
-        self.frame_id, self.stamp_ns = message.header.frame_id, stamp_ns
         if self._height_map is not None and _is_same(self._height_map, height_map):
             return None
         self._height_map, self._planner = height_map, None
@@ -111,6 +105,7 @@ class Planning:
     def take_correction(self, message: Any) -> None:
         """Take a geometry_msgs/PoseWithCovarianceStamped in: the pose of odom in the map."""
         try:
+            messages.require_frame(message.header, self._params.mapping.map_frame)
             self._T_map_odom = messages.pose(message.pose.pose, "pose.pose")
         except InputError as error:
             self._drop("correction", error)
@@ -153,7 +148,7 @@ class Planning:
         if self._height_map is None:
             raise _RefusedError(Status.UNKNOWN, "no map has come yet")
         try:
-            T = messages.pose_in(message, self.frame_id, field)
+            T = messages.pose_in(message, self._params.mapping.map_frame, field)
         except InputError as error:
             is_frame = "frame_id" in str(error)
             raise _RefusedError(
@@ -203,54 +198,51 @@ class Planning:
         plan = self._candidate()
         if self._plan.status is not Status.NONE:
             is_replaced = plan.status is not self._plan.status
-        elif plan.graph is None:
-            is_replaced = True
         else:
-            cost = self._cost_ahead(plan.graph)
+            cost = self._cost_ahead()
             share = 1.0 - self._params.planning.replan_gain
-            is_replaced = cost is None or plan.cost < share * cost
-        if not is_replaced:
-            # The path stays; what the newest map says of the best direction counts.
-            if plan.cost_to_go is not None:
-                self._plan = replace(self._plan, graph=plan.graph, cost_to_go=plan.cost_to_go)
-            return None
-        self._keep(plan)
-        return plan
+            is_replaced = cost is None or (
+                plan.status is Status.NONE and plan.cost < share * cost - LEAST_GAIN
+            )
+        if is_replaced:
+            self._keep(plan)
+            return plan
+        if plan.cost_to_go is not None:  # the path stays; the best direction is that of this map
+            self._plan = replace(self._plan, graph=plan.graph, cost_to_go=plan.cost_to_go)
+        return None
 
-    def _cost_ahead(self, graph: TransitionGraph) -> float | None:
-        """Cost [m] of what is left of the path on another terrain; None where that is closed."""
+    def _cost_ahead(self) -> float | None:
+        """Cost [m] of what is left of the path on the newest map; None where that is closed."""
         assert self._plan is not None
-        planner, robot = self._route_planner(), self._robot()
+        robot = self._robot()
         assert robot is not None
         poses = self._plan.poses
         away = np.hypot(poses[:, 0, 3] - robot.x, poses[:, 1, 3] - robot.y)
-        poses = poses[int(away.argmin()) :]
-        points = (poses[:, 1::-1, 3] - graph.geometry.origin[::-1]) / graph.geometry.resolution
-        heading = np.arctan2(poses[:, 1, 0], poses[:, 0, 0])
-        if not graph.geometry.contains(np.floor(points)).all():
-            return None
-        costs = [line_cost(graph, p, q) for p, q in pairwise(points)]
-        if min(costs, default=0.0) < 0.0 or not planner.fits_along(graph, points, heading):
-            return None
-        return float(sum(costs)) * graph.geometry.resolution
+        return self._route_planner().cost_along(poses[int(away.argmin()) :], robot)
 
     def _followed(self) -> Plan | None:
-        """After a motion: another plan where it leads off the best direction (TRULLA's test)."""
+        """After a motion: another plan where it leads off the best direction (TRULLA's test).
+
+        Where there was no plan, the robot may have come to where there is one.
+        """
         assert self._plan is not None
         robot, goal = self._robot(), self._goal
         assert robot is not None
         assert goal is not None
-        place = np.array([robot.x, robot.y])
-        if self._plan.status is not Status.NONE:
-            return None
-        if math.hypot(robot.x - goal.x, robot.y - goal.y) <= self._params.planning.goal_reached:
+        is_there = self._plan.status is Status.NONE
+        away = math.hypot(robot.x - goal.x, robot.y - goal.y)
+        if is_there and away <= self._params.planning.goal_reached:
             self._goal = None
             return None
-        moved = place - self._moved_from
+        moved = np.array([robot.x, robot.y]) - self._moved_from
         if math.hypot(*moved) < MOTION:
             return None
-        best = self._best_direction(place - moved)
-        self._moved_from = place
+        if not is_there:
+            status = self._plan.status
+            plan = self._planned()
+            return plan if plan.status is not status else None
+        best = self._best_direction(self._moved_from)
+        self._moved_from = self._moved_from + moved
         if best is not None:
             angle = math.atan2(*moved[::-1]) - best
             if abs(math.remainder(angle, 2.0 * math.pi)) <= self._params.planning.replan_angle:

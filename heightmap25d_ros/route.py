@@ -8,6 +8,7 @@ import math
 import time
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,16 +145,32 @@ class RoutePlanner:
             plan = Plan(status=Status.TIMEOUT, reason=f"no path was found within {seconds}")
         return replace(plan, seconds=time.monotonic() - began)
 
-    def fits_along(self, graph: TransitionGraph, points: Points, heading: Points) -> bool:
-        """Whether the rectangle fits along a path, except for where it begins.
+    def cost_along(self, poses: NDArray[np.float64], robot: Place) -> float | None:
+        """What driving along a path costs, for a robot that stands at or beside its beginning.
 
         Parameters
         ----------
-        graph : TransitionGraph
-        points : (N, 2) float64 [cells], (y, x)
-        heading : (N,) float64 [rad]
+        poses : (N, 4, 4) float64 [m], map
+        robot : Place
+
+        Returns
+        -------
+        float [m] or None
+            In metres of flat open ground; None where the path is not open, or the rectangle does
+            not fit.
         """
-        return self._overlap(graph, points, heading, _cell(np.floor(points[0]))) is None
+        geometry = self.graph.geometry
+        robot_cell = _cell(geometry.cell_at((robot.x, robot.y)))
+        points = (poses[:, 1::-1, 3] - geometry.origin[::-1]) / geometry.resolution
+        if not geometry.contains(np.floor([*points, robot_cell])).all():
+            return None
+        graph = self._opened(robot, robot_cell, is_robot_there=True)
+        costs = [line_cost(graph, p, q) for p, q in pairwise(points)]
+        heading = np.arctan2(poses[:, 1, 0], poses[:, 0, 0])
+        first = _cell(np.floor(points[0]))
+        if min(costs, default=0.0) < 0.0 or self._overlap(graph, points, heading, first):
+            return None
+        return sum(costs) * geometry.resolution
 
     def _plan(
         self, start: Place, goal: Place, is_robot_there: bool, is_field_wanted: bool, began: float
@@ -198,13 +215,13 @@ class RoutePlanner:
         cost_to_go = planner.cost_to_go(
             graph.incoming, goal, start=None if is_whole else start, deadline=deadline
         )
+        if time.monotonic() > deadline:  # small maps are searched before anybody looks
+            raise SearchTimeoutError
         return cost_to_go, cost_to_go.way(start)
 
     def _opened(self, start: Place, cell: Cell, is_robot_there: bool) -> TransitionGraph:
         """The graph with a way from where the robot stands."""
         graph = self.graph
-        if graph.enterable[cell]:
-            return graph
         margin = max(self._terrain.robot_radius, self._params.unknown_margin) / self._resolution
         reach = math.ceil(math.hypot(*self._size) / 2 + margin) + 1
         outer = Area(cell[0], cell[1], 1, 1).grown(reach + math.ceil(margin)).within(graph.area)
@@ -214,6 +231,8 @@ class RoutePlanner:
         blocked = graph.blocked[around].copy()
         ahead, aside, distance = self._offsets(outer, start)
         is_under = (np.abs(ahead) <= self._size[0] / 2) & (np.abs(aside) <= self._size[1] / 2)
+        if graph.enterable[cell] and not (is_robot_there and occupied[is_under].any()):
+            return graph
         forbidden[is_under] = False
         if is_robot_there:
             occupied[is_under] = False
@@ -363,9 +382,10 @@ class RoutePlanner:
         """Poses (N, 4, 4) on the surface, inclined as the ground under the footprint."""
         x0, y0 = graph.geometry.origin
         # The mean over the robot's length: single heights are noisy.
-        window = max(1, round(self._params.robot_length / SPACING))
-        height = _interpolated(graph.height[None], points)[0]
-        height = ndimage.uniform_filter1d(height, window, mode="nearest")
+        height = _smoothed(
+            _interpolated(graph.height[None], points)[0],
+            round(self._params.robot_length / (2 * SPACING)),
+        )
         gx, gy = _interpolated(graph.gradient, points)
         up = np.stack([-gx, -gy, np.ones_like(gx)], axis=-1)
         up /= np.linalg.norm(up, axis=-1, keepdims=True)
@@ -390,6 +410,14 @@ def _interpolated(layers: NDArray[np.float32], points: Points) -> NDArray[np.flo
     return np.array(
         [ndimage.map_coordinates(layer, places, np.float64, 1, "nearest") for layer in layers]
     )
+
+
+def _smoothed(values: NDArray[np.float64], reach: int) -> NDArray[np.float64]:
+    """Means over so many neighbours on either side, fewer near the ends: a line stays a line."""
+    index = np.arange(len(values))
+    reaches = np.minimum(reach, np.minimum(index, index[::-1]))
+    sums = np.concatenate([[0.0], np.cumsum(values)])
+    return np.asarray((sums[index + reaches + 1] - sums[index - reaches]) / (2 * reaches + 1))
 
 
 def _without(graph: TransitionGraph, cell: Cell) -> TransitionGraph:

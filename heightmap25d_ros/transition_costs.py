@@ -183,16 +183,18 @@ def with_gaps_filled(height_map: HeightMap, max_gap: float) -> HeightMap:
     height_map : HeightMap
     max_gap : float [m]
     """
-    reach = int(max_gap / (2 * height_map.geometry.resolution) + 1e-6)
-    if not reach:
+    width = int(max_gap / height_map.geometry.resolution + 1e-6)
+    if not width:
         return height_map
-    side = 2 * reach + 1
-    known = np.pad(height_map.known, reach)
-    closed = ndimage.minimum_filter(ndimage.maximum_filter(known, side), side)
-    gap = closed[reach:-reach, reach:-reach] & ~height_map.known
-    highest = np.iinfo(np.int16).max
+    # A morphological closing; of an even square the two halves look opposite ways.
+    side, mirrored = width + 1, -(width % 2)
+    dilated = ndimage.maximum_filter(np.pad(height_map.known, side), side)
+    closed = cropped(ndimage.minimum_filter(dilated, side, origin=mirrored), side)
+    gap = closed & ~height_map.known
+    highest = np.int16(np.iinfo(np.int16).max)
+    both_sides = 2 * width + 1
     lowest = ndimage.minimum_filter(
-        np.where(height_map.known, height_map.height, np.int16(highest)), side
+        np.where(height_map.known, height_map.height, highest), both_sides, mode="nearest"
     )
     return replace(
         height_map,

@@ -72,8 +72,7 @@ class PlanningNode(Node):
             self.get_logger().warning(f"no path: {plan.reason}")
 
     def _fill_path(self, path: Path, plan: Plan, stamp: int) -> None:
-        frame = self._planning.frame_id or self._map_frame
-        messages.fill_path(path, PoseStamped, plan.poses, stamp, frame)
+        messages.fill_path(path, PoseStamped, plan.poses, stamp, self._map_frame)
 
     def _get_plan(self, request: GetPlan.Request, response: GetPlan.Response) -> GetPlan.Response:
         plan = self._planning.plan_between(request.start, request.goal, request.tolerance)
