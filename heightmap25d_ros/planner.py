@@ -64,6 +64,9 @@ _SLICE = 1_000_000
 
 _AGAIN, _DONE = 0, 1
 
+_at = np.uint64
+"""Indices in the inner loop: numba looks at signed ones for whether they count from the end."""
+
 Cell = tuple[int, int]
 
 
@@ -197,23 +200,23 @@ def _search(  # noqa: C901, PLR0912, PLR0913, PLR0915
     for _ in range(_SLICE):
         # Take an entry from the first bucket that has one.
         last = bucket + _RING
-        while tops[bucket & (_RING - 1)] == 0:
+        while tops[_at(bucket & (_RING - 1))] == 0:
             bucket += 1
             if bucket == last:
                 return _DONE
         slot = bucket & (_RING - 1)
-        top = np.int64(tops[slot])
-        entry = entries[top]
+        top = np.int64(tops[_at(slot)])
+        entry = entries[_at(top)]
         top -= 1
         if top & (_CHUNK - 1) == 0:
-            below = entries[top]
-            entries[top] = free
+            below = entries[_at(top)]
+            entries[_at(top)] = free
             free, top = top, below
-        tops[slot] = top
+        tops[_at(slot)] = top
         packed, cost = entry >> 32, np.int64(np.int32(entry))
         y, x = packed >> 16, packed & 0xFFFF
         cell = y * columns + x
-        if remaining[cell] != cost:  # a shorter way has been found since
+        if remaining[_at(cell)] != cost:  # a shorter way has been found since
             continue
         if is_guided and remaining[start] != 0:
             if (remaining[start] + offset) >> _WIDTH_BITS < bucket:
@@ -222,33 +225,34 @@ def _search(  # noqa: C901, PLR0912, PLR0913, PLR0915
                 continue
         shorter = 0
         for k in range(8):
-            step = np.int64(incoming[8 * cell + k])
-            shorter |= ((step != CLOSED) & (cost + step < remaining[cell + ways[k]])) << k
+            step = np.int64(incoming[_at(8 * cell + k)])
+            shorter |= ((step != CLOSED) & (cost + step < remaining[_at(cell + ways[k])])) << k
         while shorter != 0:
             k = lowest_bit(shorter)  # type: ignore[call-arg]
             shorter &= shorter - 1
-            there, left = cell + ways[k], cost + np.int64(incoming[8 * cell + k])
-            remaining[there] = left
+            dy, dx = NEIGHBOURS[k]
+            way = dy * columns + dx
+            there, left = cell + way, cost + np.int64(incoming[_at(8 * cell + k)])
+            remaining[_at(there)] = left
             # Its turn comes soon, and what it needs then is far apart in memory.
             prefetch(incoming, 8 * there)
-            prefetch(remaining, there + ways[k])
-            dy, dx = NEIGHBOURS[k]
+            prefetch(remaining, there + way)
             place = left + offset
             if is_guided:
                 place += _estimate(y + dy - start_y, x + dx - start_x)
             # Put it into its bucket.
             slot = (place >> _WIDTH_BITS) & (_RING - 1)
-            top = np.int64(tops[slot])
+            top = np.int64(tops[_at(slot)])
             new = top + 1
             if (new & (_CHUNK - 1) == 0) | (top == 0):
                 if free != 0:
-                    chunk, free = free, entries[free]
+                    chunk, free = free, entries[_at(free)]
                 else:
                     chunk, unused = unused, unused + _CHUNK
-                entries[chunk] = top
+                entries[_at(chunk)] = top
                 new = chunk + 1
-            entries[new] = (packed + (dy << 16) + dx) << 32 | (left & 0xFFFFFFFF)
-            tops[slot] = new
+            entries[_at(new)] = (packed + (dy << 16) + dx) << 32 | (left & 0xFFFFFFFF)
+            tops[_at(slot)] = new
     state[0], state[1], state[2] = bucket, free, unused
     return _AGAIN
 
