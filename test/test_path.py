@@ -294,3 +294,20 @@ def test_the_least_clearance_by_all_distances(seed, reach):
     away = np.hypot(*(points[:, None] - (np.argwhere(solid) + 0.5)).T)
     expected = min(away.min(initial=np.inf), reach)
     assert least_clearance(solid, points, reach) == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_curve_that_touches_the_corner_of_a_closed_cell():
+    enterable = np.ones((12, 12), bool)
+    enterable[6, 4] = False
+    terrain = graph(enterable, resolution=0.1)
+    vertices = np.array([[5.5, 1.5], [5.5, 5.5], [9.5, 5.5]])
+    literal = LiteralGround.of(terrain)
+    points = round_corners(terrain, vertices)
+    cells = [cell for p, q in pairwise(points) for cell, _ in literal.pieces(p, q)]
+    assert all(literal.is_open(a, b) for a, b in pairwise(cells) if a != b)
+
+
+def test_a_line_that_ends_on_the_border_behind_a_blocked_step():
+    blocked = steps_closed((3, 6), [((1, 2), (1, 3))])
+    terrain = graph(np.ones((3, 6), bool), blocked=blocked)
+    assert line_cost(terrain, np.array([1.5, 1.5]), np.array([1.5, 3.0])) < 0

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from bag_writer import header, odometry, rosbags_type
+from test_route import World, random_place
 
 from heightmap25d_ros.params import Params, with_values
 from heightmap25d_ros.planning import Planning
@@ -233,12 +234,13 @@ def test_a_much_better_way_that_opens_is_taken():
 
 
 def test_a_way_that_is_hardly_better_is_not_taken():
-    p = planning(wall((6.0, 7.6)))
+    first = 6.5, 8.1
+    p = planning(wall(first))
     assert_plans(p)
-    assert p.take_map(grid(wall((6.0, 7.6), (2.9, 4.5)))) is None
-    eager = planning(wall((6.0, 7.6)), **{"planning.replan_gain": 0.0})
+    assert p.take_map(grid(wall(first, NEAR))) is None
+    eager = planning(wall(first), **{"planning.replan_gain": 0.0})
     assert_plans(eager)
-    assert crosses_wall_at(eager.take_map(grid(wall((6.0, 7.6), (2.9, 4.5))))) < 4.5
+    assert NEAR[0] < crosses_wall_at(eager.take_map(grid(wall(first, NEAR)))) < NEAR[1]
 
 
 def test_a_goal_whose_way_is_closed_stays():
@@ -317,15 +319,15 @@ def test_unusable_odometry_and_maps_are_counted_and_leave_all_as_it_was():
     assert p.take_map(grid(wall(), height_resolution=0.02)) is None
     assert p.take_map(grid(wall(), probability=np.zeros(3, np.uint8))) is None
     assert p.take_map(grid(np.zeros((0, 0), np.int16))) is None
+    assert p.take_map(grid(wall(), frame_id="odom")) is None
     assert p.dropped == {
         "odometry: bad pose.pose": 1,
         "odometry: of 'camera'": 1,
         "map: bad height_resolution": 1,
         "map: bad probability": 1,
         "map: bad info": 1,
+        "map: bad header.frame_id": 1,
     }
-    assert p.frame_id == "map"
-    assert p.stamp_ns == START
     assert_plans(p)
 
 
@@ -360,3 +362,59 @@ def test_a_plan_between_poses_leaves_the_goal_as_it_is():
     assert_plans(p)
     assert ends(p.plan_between(pose_stamped(1.0, 1.0), pose_stamped(2.0, 8.0), 0.0))
     assert ends(p.take_map(grid(wall(FAR)))) == (WEST, EAST)
+
+
+def halfway(seed, length, width, poses):
+    """A Planning whose robot has followed a path over a random map, and that map's heights."""
+    rng = np.random.default_rng(seed)
+    world = World.random(rng)
+    p = planning(
+        robot=None,
+        **{
+            "traversability.robot_radius": 0.3,
+            "planner.robot_length": length,
+            "planner.robot_width": width,
+        },
+    )
+    start, goal = random_place(rng, world.enterable), random_place(rng, world.enterable)
+    p.take_map(grid(world.height, world.known))
+    p.take_odometry(at(start.x, start.y))
+    plan = p.take_goal(pose_stamped(goal.x, goal.y))
+    for T in plan.poses[: poses + 1 : 7]:
+        assert p.take_odometry(at(*T[:2, 3], math.atan2(T[1, 0], T[0, 0]))) is None
+    return p, world
+
+
+# From there the search itself, whose ways are others, finds none on which the rectangle fits.
+@pytest.mark.parametrize(("seed", "poses"), [(81, 28), (120, 7), (137, 28)])
+def test_a_path_that_is_still_open_is_not_given_up(seed, poses):
+    p, world = halfway(seed, 0.9, 0.5, poses)
+    height = world.height.copy()
+    height[0, 0] ^= 1  # one centimetre, far away
+    assert p.take_map(grid(height, world.known)) is None
+
+
+@pytest.mark.parametrize(("seed", "poses"), [(78, 7), (102, 14), (89, 63)])
+def test_near_the_goal_a_change_far_away_leads_to_nothing(seed, poses):
+    p, world = halfway(seed, 0.3, 0.3, poses)
+    height = world.height.copy()
+    height[0, 0] ^= 1
+    assert p.take_map(grid(height, world.known)) is None
+
+
+def test_a_correction_of_another_frame_is_not_used():
+    p = planning(FLAT)
+    p.take_correction(correction(3.0, 0.0, frame_id="somewhere"))
+    assert ends(p.take_goal(pose_stamped(*EAST))) == (WEST, EAST)
+
+
+def test_a_map_whose_frame_has_a_leading_slash():
+    p = planning()
+    p.take_map(grid(FLAT, frame_id="/map"))
+    assert ends(p.take_goal(pose_stamped(*EAST))) == (WEST, EAST)
+
+
+def test_a_robot_that_comes_from_where_it_could_not_start():
+    p = planning(FLAT, robot=(-1.0, 5.0))
+    assert p.take_goal(pose_stamped(*EAST)).status is Status.START_OUTSIDE_MAP
+    assert p.take_odometry(at(*WEST)) is not None

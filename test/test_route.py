@@ -419,3 +419,35 @@ def test_a_deadline_that_has_passed(monkeypatch):
     assert plan.status is Status.TIMEOUT
     assert len(plan.poses) == 0
     assert "2 s" in plan.reason
+
+
+def test_heights_along_a_path_up_a_slope():
+    x = (np.indices((60, 70))[1] + 0.5) * 0.125
+    planner = route_planner(100 * 0.4 * x, unknown="cost", cross_slope_weight=0.0)
+    plan = planner.plan(Place(1.3, 3.0), Place(7.0, 3.0), is_robot_there=False)
+    error = plan.poses[:, 2, 3] - 0.4 * plan.poses[:, 0, 3]
+    np.testing.assert_allclose(error[8:-8], 0.0, atol=0.01)
+    np.testing.assert_allclose(error, 0.0, atol=0.03)
+
+
+def test_a_deadline_holds_on_a_small_map_too(monkeypatch):
+    height = np.zeros((40, 40), np.int16)
+    height[:, 20] = 150
+    height[15:18, 20] = 0
+    planner = route_planner(height, radius=0.1, robot_length=1.5, robot_width=1.5, timeout=2.0)
+    hours = itertools.count(0.0, 3600.0)
+    with monkeypatch.context() as changed:
+        changed.setattr(time, "monotonic", lambda: next(hours))
+        plan = planner.plan(center((16, 8)), center((16, 32)), is_robot_there=False)
+    assert plan.status is Status.TIMEOUT
+
+
+def test_noise_under_the_nose_of_a_robot_whose_disc_is_free():
+    height = np.zeros((40, 60), np.int16)
+    height[:16] = height[25:] = 150  # a corridor
+    height[20, 24] = 60  # 0.5 m ahead, beyond the disc, within the rectangle
+    planner = route_planner(
+        height, radius=0.3, robot_length=1.2, robot_width=0.5, unknown="cost"
+    )  # fmt: skip
+    start, goal = center((20, 20), 0.0), center((20, 50))
+    assert planner.plan(start, goal, is_robot_there=True).status is Status.NONE

@@ -352,3 +352,15 @@ def test_a_robot_of_more_than_100_cells_is_refused():
     fine = replace(height_map(FLAT), geometry=replace(height_map(FLAT).geometry, resolution=0.001))
     with pytest.raises(InputError, match="robot_radius"):
         transition_graph(fine, TraversabilityParams(), PlannerParams())
+
+
+def test_a_gap_of_two_cells_beside_a_wall_becomes_ground():
+    assert filled(*["0 0 0 ? ? 200 200"] * 5) == ["0 0 0 0 0 200 200"] * 5
+
+
+def test_a_gap_of_three_cells_that_is_as_wide_as_allowed():
+    assert filled(*["1 1 1 ? ? ? 1 1 1"] * 9, max_gap=0.375) == ["1 1 1 1 1 1 1 1 1"] * 9
+
+
+def test_a_gap_of_one_cell_that_is_narrower_than_allowed():
+    assert filled(*["1 1 ? 1 1"] * 5, max_gap=0.2) == ["1 1 1 1 1"] * 5
