@@ -110,11 +110,14 @@ def evaluate_path(
         if not ((iy >= 0) & (ix >= 0) & (iy < rows) & (ix < columns)).all():
             return Drivability(largest_step=np.inf, steepest_slope=np.inf, lowest_ceiling=lowest)
         height = ground.height[iy, ix]
+        if not height.size:  # narrower than a cell
+            continue
         if not np.isfinite(height).all():
             return Drivability(largest_step=np.inf, steepest_slope=np.inf, lowest_ceiling=lowest)
         lowest = min(lowest, float(ground.clearance[iy, ix].min()))
         is_neighbour = np.maximum(abs(iy[:, None] - iy), abs(ix[:, None] - ix)) == 1
-        worst_step = max(worst_step, float(np.abs(height[:, None] - height)[is_neighbour].max()))
+        steps = np.abs(height[:, None] - height)[is_neighbour]
+        worst_step = max(worst_step, steps.max(initial=0.0))
         places = np.column_stack([iy, ix, np.ones_like(iy)]) * ground.geometry.resolution
         plane, *_ = np.linalg.lstsq(places, height, rcond=None)
         worst_slope = max(worst_slope, float(np.arctan(np.hypot(*plane[:2]))))

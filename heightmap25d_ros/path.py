@@ -28,8 +28,8 @@ _ROUNDING = 0.8
 _LEAST_TURN = math.radians(3.0)
 """Corners that turn less are not rounded."""
 
-_SLACK = 1.001
-"""What a straight line may cost, of what the cells that it replaces do: rounded numbers."""
+_SLACK = 1.005
+"""What a straight line may cost, of what the cells that it replaces do: these are noisy."""
 
 _CLOSED = -1.0
 
