@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ from typing import Any
 import yaml
 
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.params import Params, Value, flatten, specs, with_values
+from heightmap25d_ros.params import Params, Value, flatten, is_live, with_values
 
 
 def read_yaml(path: Path, params: Params | None = None) -> Params:
@@ -67,24 +66,29 @@ def as_yaml(params: Params) -> str:
         "/**:",
         "  ros__parameters:",
     ]
-    for section in dataclasses.fields(params):
-        lines.append(f"    {section.name}:")
-        for name, spec, value in specs(getattr(params, section.name)):
-            facts = ", ".join(filter(None, [spec.unit, spec.range_text]))
-            comment = spec.meaning + (f" [{facts}]" if facts else "")
-            # ROS cannot tell the type of an empty list, and refuses it.
-            hidden = "# " if value == () else ""
-            lines += [f"      # {comment}", f"      {hidden}{name}: {_yaml_value(value)}"]
+    sections: set[str] = set()
+    for full_name, (spec, value) in flatten(params).items():
+        section, _, name = full_name.rpartition(".")
+        indent = "      " if section else "    "
+        if section and section not in sections:
+            sections.add(section)
+            lines.append(f"    {section}:")
+        facts = ", ".join(filter(None, [spec.unit, spec.range_text]))
+        comment = spec.meaning + (f" [{facts}]" if facts else "")
+        # ROS cannot tell the type of an empty list, and refuses it.
+        hidden = "# " if value == () else ""
+        lines += [f"{indent}# {comment}", f"{indent}{hidden}{name}: {_yaml_value(value)}"]
     return "\n".join(lines) + "\n"
 
 
 def as_markdown(params: Params) -> str:
     """The parameters as a table for the README."""
-    lines = ["| parameter | default | unit | range | meaning |", "|---|---|---|---|---|"]
+    lines = ["| parameter | default | unit | range | live | meaning |", "|---|---|---|---|---|---|"]
     for name, (spec, value) in flatten(params).items():
         range_text = spec.range_text.replace("|", "\\|")
         meaning = spec.meaning.replace("|", "\\|")
+        live = "yes" if is_live(name) else ""
         lines.append(
-            f"| `{name}` | {_yaml_value(value)} | {spec.unit} | {range_text} | {meaning} |"
+            f"| `{name}` | {_yaml_value(value)} | {spec.unit} | {range_text} | {live} | {meaning} |"
         )
     return "\n".join(lines) + "\n"

@@ -284,6 +284,10 @@ class MappingParams(_Section):
         32e6, "a map whose bounding box has more cells is not published or saved", low=256, high=1e9
     )
     map_directory: str = _parameter("maps", "where save_map and load_map keep their maps")
+    initial_map: str = _parameter("", "name of the map to begin with; empty: none")
+    autosave: str = _parameter(
+        "", "name under which a map that is not saved is saved when the node ends; empty: it is not"
+    )
 
     def __post_init__(self) -> None:
         _Section.__post_init__(self)
@@ -325,8 +329,11 @@ class SimulatorParams(_Section):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Params:
-    """All sections together."""
+    """All sections together, and what belongs to none."""
 
+    autostart: bool = _parameter(
+        True, "whether the node configures and activates itself; false: a lifecycle manager does"
+    )
     grid: GridParams = field(default_factory=GridParams)
     sensor: SensorParams = field(default_factory=SensorParams)
     mapper: MapperParams = field(default_factory=MapperParams)
@@ -346,11 +353,26 @@ def specs(section: Any) -> Iterator[tuple[str, Spec, Value]]:
 
 def flatten(params: Params) -> dict[str, tuple[Spec, Value]]:
     """``section.name`` -> spec and value, in order of definition."""
-    return {
-        f"{section.name}.{name}": (spec, value)
-        for section in dataclasses.fields(params)
-        for name, spec, value in specs(getattr(params, section.name))
-    }
+    found: dict[str, tuple[Spec, Value]] = {}
+    for entry in dataclasses.fields(params):
+        content = getattr(params, entry.name)
+        if "spec" in entry.metadata:
+            found[entry.name] = entry.metadata["spec"], content
+        else:
+            found |= {f"{entry.name}.{name}": (s, value) for name, s, value in specs(content)}
+    return found
+
+
+_LIVE = (
+    "sensor.min_range", "sensor.max_range", "sensor.clearing_range", "sensor.min_height",
+    "sensor.max_height", "traversability.", "planner.", "planning.", "mapping.publish_rate",
+    "mapping.max_cells", "mapping.map_directory", "mapping.autosave",
+)  # fmt: skip
+
+
+def is_live(name: str) -> bool:
+    """Whether a node takes a change of the parameter while it runs."""
+    return name.startswith(_LIVE)
 
 
 def _check(name: str, spec: Spec, value: Value) -> None:
@@ -392,18 +414,24 @@ def with_values(params: Params, values: Mapping[str, Any]) -> Params:
         its range.
     """
     known = flatten(params)
-    changes: dict[str, dict[str, Value]] = {}
+    changes: dict[str, Any] = {}
     for name, given in values.items():
         if name not in known:
             nearest = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
             hint = f"; did you mean {nearest[0]}?" if nearest else ""
             raise InputError(f"parameter {name}: unknown{hint}")
         section, _, key = name.partition(".")
-        changes.setdefault(section, {})[key] = _convert(name, given, known[name][1])
+        value = _convert(name, given, known[name][1])
+        if key:
+            changes.setdefault(section, {})[key] = value
+        else:
+            changes[name] = value
     return dataclasses.replace(
         params,
         **{
-            section: dataclasses.replace(getattr(params, section), **replaced)
-            for section, replaced in changes.items()
+            name: dataclasses.replace(getattr(params, name), **content)
+            if isinstance(content, dict)
+            else content
+            for name, content in changes.items()
         },
     )

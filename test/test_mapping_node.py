@@ -280,6 +280,7 @@ def test_nothing_is_converted_or_published_without_a_listener_or_a_change(monkey
     rclpy.init(context=context, args=["mapping", "--ros-args", "-r", "__ns:=/idle", *MOUNT])
     monkeypatch.setattr("rclpy.node.get_default_context", lambda: context)
     node = MappingNode()
+    node.begin()
     conversions = []
     monkeypatch.setattr(node._mapping, "maps", lambda: conversions.append(1) or MAPS_OF_NOTHING)
     start_ns = 1_700_000_000 * 10**9

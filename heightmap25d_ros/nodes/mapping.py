@@ -13,7 +13,6 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import OccupancyGrid, Odometry
 from nav_msgs.srv import GetMap
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import LaserScan, PointCloud2, PointField
@@ -32,9 +31,15 @@ from heightmap25d_ros.traversability import ObstacleMap
 # As qos_profile_sensor_data, but deep enough for the scans that come while a map is converted.
 _SCANS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 _Maps = tuple[HeightMap, ObstacleMap]
+_MAPS = {
+    "height_grid": HeightGridMessage,
+    "map": OccupancyGrid,
+    "cost_map": OccupancyGrid,
+    "height_points": PointCloud2,
+}
 
 
-class MappingNode(Node):
+class MappingNode(process.ManagedNode):
     """Thin: hands messages to `Mapping`, and publishes what it makes of them.
 
     A map is published at most ``publish_rate`` times a second, and only to topics that
@@ -42,32 +47,33 @@ class MappingNode(Node):
     """
 
     def __init__(self) -> None:
-        super().__init__("mapping", automatically_declare_parameters_from_overrides=True)
-        self._params = process.declare_params(self)
-        self._frame = self._params.mapping.map_frame
-        self._mapping = Mapping(self._params)
-        compile_kernels(self._params)
+        super().__init__("mapping")
+
+    def set_up(self) -> None:
+        """Make the map, and what it can be asked for."""
+        self._frame = self.params.mapping.map_frame
+        self._mapping = Mapping(self.params)
         self._version = 0  # of the map: counts merges, loads and clears
+        self._saved = 0
         self._published: dict[str, int] = {}
         self._reported = 0
+        if self.params.mapping.autosave:
+            self._path(self.params.mapping.autosave)  # a wrong name is told now, not at the end
+        if self.params.mapping.initial_map:
+            self._load(self.params.mapping.initial_map)
+        compile_kernels(self.params)
         self._publishers_of_maps = {
-            "height_grid": self.create_publisher(HeightGridMessage, "height_grid", process.LATCHED),
-            "map": self.create_publisher(OccupancyGrid, "map", process.LATCHED),
-            "cost_map": self.create_publisher(OccupancyGrid, "cost_map", process.LATCHED),
-            "height_points": self.create_publisher(PointCloud2, "height_points", process.LATCHED),
+            topic: self.create_lifecycle_publisher(kind, topic, process.LATCHED)
+            for topic, kind in _MAPS.items()
         }
-        self._subscribe()
         self.create_service(SaveMap, "~/save_map", self._save_map)
         self.create_service(LoadMap, "~/load_map", self._load_map)
         self.create_service(Trigger, "~/clear_map", self._clear_map)
         self.create_service(GetMap, "~/get_map", self._get_map)
-        # Maps are published by the wall clock, however fast a bag is replayed.
-        wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(1.0 / self._params.mapping.publish_rate, self._publish, clock=wall_clock)
-        self.create_timer(process.REPORT_PERIOD, self._report_drops, clock=wall_clock)
 
-    def _subscribe(self) -> None:
-        for topic in self._params.intake.scan_topics:
+    def start(self) -> None:
+        """Hear the robot, and publish."""
+        for topic in self.params.intake.scan_topics:
             self.create_subscription(LaserScan, topic, self._on_scan_of(topic), _SCANS)
         self.create_subscription(Odometry, "odom", self._on_odometry, 100)
         self.create_subscription(
@@ -76,6 +82,20 @@ class MappingNode(Node):
         self.create_subscription(TFMessage, "/tf", self._on_transforms, 100)
         static_qos = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self.create_subscription(TFMessage, "/tf_static", self._on_static_transforms, static_qos)
+        # Maps are published by the wall clock, however fast a bag is replayed.
+        wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._publish_timer = self.create_timer(
+            1.0 / self.params.mapping.publish_rate, self._publish, clock=wall_clock
+        )
+        self.create_timer(process.REPORT_PERIOD, self._report_drops, clock=wall_clock)
+
+    def finish(self) -> None:
+        """Save the map under the name ``autosave``, where there is one and it is not saved."""
+        if self.params.mapping.autosave and self._saved != self._version:
+            try:
+                self._save(self.params.mapping.autosave)
+            except InputError as error:
+                self.get_logger().error(f"map not saved: {error}")
 
     def _on_scan_of(self, topic: str) -> Callable[[LaserScan], None]:
         return lambda message: self._count(self._mapping.take_scan(topic, message))
@@ -127,33 +147,46 @@ class MappingNode(Node):
             messages.fill_occupancy_grid(message, cells, geometry, stamp, self._frame)
         publisher.publish(message)
 
+    def _path(self, name: str) -> Path:
+        return map_io.map_path(Path(self.params.mapping.map_directory), name)
+
+    def _save(self, name: str) -> Path:
+        path = self._path(name)
+        self._count(self._mapping.settle())
+        map_io.save(path, *self._mapping.maps(), self._frame)
+        self._saved = self._version
+        self.get_logger().info(f"map saved: {path}")
+        return path
+
+    def _load(self, name: str) -> None:
+        path = self._path(name)
+        loaded = map_io.load(path, self.params.mapper.probability_threshold)
+        if loaded.frame_id != self._frame:
+            raise InputError(f"{path}: frame_id is {loaded.frame_id!r}, not {self._frame!r}")
+        try:
+            self._mapping.clear(loaded.height_map)
+        except ValueError as error:
+            raise InputError(f"{path}: {error}") from None
+        self._version += 1
+        self._saved = self._version
+        self.get_logger().info(f"map loaded: {path}")
+
     def _save_map(self, request: SaveMap.Request, response: SaveMap.Response) -> SaveMap.Response:
         try:
-            path = map_io.map_path(Path(self._params.mapping.map_directory), request.name)
-            self._count(self._mapping.settle())
-            map_io.save(path, *self._mapping.maps(), self._frame)
+            response.path = str(self._save(request.name))
+            response.success = True
         except InputError as error:
             response.message = str(error)
             self.get_logger().error(f"map not saved: {error}")
-            return response
-        response.success, response.path = True, str(path)
-        self.get_logger().info(f"map saved: {path}")
         return response
 
     def _load_map(self, request: LoadMap.Request, response: LoadMap.Response) -> LoadMap.Response:
         try:
-            path = map_io.map_path(Path(self._params.mapping.map_directory), request.name)
-            loaded = map_io.load(path, self._params.mapper.probability_threshold)
-            if loaded.frame_id != self._frame:
-                raise InputError(f"{path}: frame_id is {loaded.frame_id!r}, not {self._frame!r}")
-            self._mapping.clear(loaded.height_map)
-        except (InputError, ValueError) as error:
+            self._load(request.name)
+            response.success = True
+        except InputError as error:
             response.message = str(error)
             self.get_logger().error(f"map not loaded: {error}")
-            return response
-        self._version += 1
-        response.success = True
-        self.get_logger().info(f"map loaded: {path}")
         return response
 
     def _clear_map(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

@@ -10,7 +10,6 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry, Path
 from nav_msgs.srv import GetPlan
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 
 from heightmap25d_msgs.msg import HeightGrid, PlanStatus
 from heightmap25d_ros import messages
@@ -19,18 +18,24 @@ from heightmap25d_ros.planning import Planning, compile_kernels
 from heightmap25d_ros.route import Plan, Status
 
 
-class PlanningNode(Node):
+class PlanningNode(process.ManagedNode):
     """Thin: hands messages to `Planning`, and publishes the plans that it returns."""
 
     def __init__(self) -> None:
-        super().__init__("planning", automatically_declare_parameters_from_overrides=True)
-        params = process.declare_params(self)
-        self._planning = Planning(params)
-        self._map_frame = params.mapping.map_frame
+        super().__init__("planning")
+
+    def set_up(self) -> None:
+        """Make the planner, and what tells of its plans."""
+        self._planning = Planning(self.params)
         self._reported = 0
-        compile_kernels(params)
-        self._path_publisher = self.create_publisher(Path, "plan", process.LATCHED)
-        self._status_publisher = self.create_publisher(PlanStatus, "~/status", process.LATCHED)
+        compile_kernels(self.params)
+        self._path_publisher = self.create_lifecycle_publisher(Path, "plan", process.LATCHED)
+        self._status_publisher = self.create_lifecycle_publisher(
+            PlanStatus, "~/status", process.LATCHED
+        )
+
+    def start(self) -> None:
+        """Hear the map, the robot and its goals, and answer."""
         self.create_subscription(HeightGrid, "height_grid", self._on_map, process.LATCHED)
         self.create_subscription(PoseStamped, "goal_pose", self._on_goal, 10)
         self.create_subscription(Odometry, "odom", self._on_odometry, 10)
@@ -72,7 +77,8 @@ class PlanningNode(Node):
             self.get_logger().warning(f"no path: {plan.reason}")
 
     def _fill_path(self, path: Path, plan: Plan, stamp: int) -> None:
-        messages.fill_path(path, PoseStamped, plan.poses, stamp, self._map_frame)
+        frame = self.params.mapping.map_frame
+        messages.fill_path(path, PoseStamped, plan.poses, stamp, frame)
 
     def _get_plan(self, request: GetPlan.Request, response: GetPlan.Response) -> GetPlan.Response:
         plan = self._planning.plan_between(request.start, request.goal, request.tolerance)

@@ -13,7 +13,7 @@ from rclpy.clock import ClockType
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
-from heightmap25d_ros.nodes import process
+from heightmap25d_ros.nodes import parameters, process
 from heightmap25d_ros.nodes.replay import message_class, profile_of
 from heightmap25d_ros.simulation import outgoing, recording
 from heightmap25d_ros.simulation.simulation import Event, Simulation
@@ -28,7 +28,7 @@ class SimulatorNode(Node):
 
     def __init__(self) -> None:
         super().__init__("simulator", automatically_declare_parameters_from_overrides=True)
-        params = process.declare_params(self).simulator
+        params = parameters.declare_params(self).simulator
         self._rate = params.rate
         mounted = recording.mounted_lasers(params.scan_rate, has_nodding=params.nodding)
         self._simulation = Simulation(

@@ -1,0 +1,92 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""ROS parameters declared from `Params`, and changed as a whole while a node runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.params import Params, Spec, Value, flatten, is_live, with_values
+
+# Parameters that rclpy brings along in every node.
+_RCLPY_PARAMETERS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
+
+
+def declare_params(node: Node) -> Params:
+    """The parameters of a node, declared with descriptors; a wrong one is an error.
+
+    The node must have been made with ``automatically_declare_parameters_from_overrides``: only
+    so can a name that nobody knows be found and refused.
+
+    Raises
+    ------
+    InputError
+        For an unknown name (the nearest right one is suggested), a wrong type or value.
+    """
+    given = {
+        name: parameter.value
+        for name, parameter in node.get_parameters_by_prefix("").items()
+        if not name.startswith(_RCLPY_PARAMETERS)
+    }
+    params = with_values(Params(), given)
+    for name, (spec, value) in flatten(params).items():
+        if name in given:
+            node.undeclare_parameter(name)
+        # ROS has no empty lists: such a parameter is declared by its type and not set.
+        stored = Parameter.Type.DOUBLE_ARRAY if value == () else value
+        node.declare_parameter(name, stored, _descriptor(name, spec, value))
+    return params
+
+
+def _descriptor(name: str, spec: Spec, value: Value) -> ParameterDescriptor:
+    descriptor = ParameterDescriptor(
+        description=spec.meaning + (f" [{spec.unit}]" if spec.unit else ""),
+        additional_constraints=spec.range_text,
+        read_only=not is_live(name),
+    )
+    if isinstance(value, float):
+        descriptor.floating_point_range = [
+            FloatingPointRange(from_value=spec.low, to_value=spec.high)
+        ]
+    return descriptor
+
+
+def follow_changes(node: Node, params: Params, take: Callable[[Params], None]) -> None:
+    """Hand the parameters on when live ones change: all of a call, or none and the reason.
+
+    Parameters
+    ----------
+    node : Node
+        Whose parameters were declared by `declare_params`.
+    params : Params
+        What that returned.
+    take : callable
+        Is called with the new parameters, which are sound.
+    """
+    current = params
+
+    def changed(changes: list[Parameter]) -> Params:
+        known = flatten(current)
+        return with_values(current, {p.name: p.value for p in changes if p.name in known})
+
+    def check(changes: list[Parameter]) -> SetParametersResult:
+        try:
+            changed(changes)
+        except InputError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def adopt(changes: list[Parameter]) -> None:
+        nonlocal current
+        adopted = changed(changes)
+        if adopted != current:
+            current = adopted
+            take(current)
+
+    node.add_on_set_parameters_callback(check)
+    node.add_post_set_parameters_callback(adopt)
