@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -37,6 +37,17 @@ def compile_kernels(params: Params) -> None:
     )
     obstacles = ObstacleGrid(scratch.geometry, params.traversability)
     obstacles.update(scratch, params.mapper.probability_threshold)
+
+
+_BYTES_OF_CELL = 4  # height and probability
+
+
+class Size(NamedTuple):
+    """Bounding box of a map [cells], and what heights and probabilities take [bytes]."""
+
+    columns: int
+    rows: int
+    bytes: int
 
 
 class Mapping:
@@ -146,6 +157,14 @@ class Mapping:
             )
         self._obstacles.update(self.grid, threshold)
         return self.grid.read(threshold, area), self._obstacles.read(area)
+
+    def size(self) -> Size:
+        """How large the map is now."""
+        area = self.grid.observed_area()
+        ty, tx = area.iy // TILE, area.ix // TILE
+        tops = self.grid.tile_top[ty : ty + area.rows // TILE, tx : tx + area.columns // TILE]
+        cells = int(np.count_nonzero(tops)) * TILE**2
+        return Size(area.columns, area.rows, cells * _BYTES_OF_CELL)
 
     def _content(self, kind: str, read: Callable[[Any], _Content], message: Any) -> _Content | None:
         try:

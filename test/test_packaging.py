@@ -25,7 +25,7 @@ ORDER = [
     "grid", "sensor",
     "mapper", "terrain", "footprint", "traversability",
     "intrinsics", "planner", "transition_costs", "path", "footprint_check", "route",
-    "messages", "transforms", "intake", "mapping", "planning",
+    "messages", "transforms", "intake", "mapping", "planning", "self_check",
     "bag", "atomic_directory", "map_io", "block_view", "render", "plan_view",
     "evaluation", "reachability", "drivability", "trajectory_error",
     "simulation",

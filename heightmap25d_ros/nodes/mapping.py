@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import sys
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from nav_msgs.srv import GetMap
 from rclpy.clock import Clock, ClockType
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.timer import Timer
 from sensor_msgs.msg import LaserScan, PointCloud2, PointField
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
@@ -24,8 +26,10 @@ from heightmap25d_msgs.srv import LoadMap, SaveMap
 from heightmap25d_ros import map_io, messages
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid import HeightMap
+from heightmap25d_ros.intake import Reading
 from heightmap25d_ros.mapping import Mapping, compile_kernels
 from heightmap25d_ros.nodes import process
+from heightmap25d_ros.nodes.managed import REPORT_PERIOD, ManagedNode
 from heightmap25d_ros.traversability import ObstacleMap
 
 # As qos_profile_sensor_data, but deep enough for the scans that come while a map is converted.
@@ -39,7 +43,7 @@ _MAPS = {
 }
 
 
-class MappingNode(process.ManagedNode):
+class MappingNode(ManagedNode):
     """Thin: hands messages to `Mapping`, and publishes what it makes of them.
 
     A map is published at most ``publish_rate`` times a second, and only to topics that
@@ -56,7 +60,7 @@ class MappingNode(process.ManagedNode):
         self._version = 0  # of the map: counts merges, loads and clears
         self._saved = 0
         self._published: dict[str, int] = {}
-        self._reported = 0
+        self._latency_ms = 0.0
         if self.params.mapping.autosave:
             self._path(self.params.mapping.autosave)  # a wrong name is told now, not at the end
         if self.params.mapping.initial_map:
@@ -74,20 +78,21 @@ class MappingNode(process.ManagedNode):
     def start(self) -> None:
         """Hear the robot, and publish."""
         for topic in self.params.intake.scan_topics:
-            self.create_subscription(LaserScan, topic, self._on_scan_of(topic), _SCANS)
-        self.create_subscription(Odometry, "odom", self._on_odometry, 100)
-        self.create_subscription(
+            self.subscribe(LaserScan, topic, self._on_scan_of(topic), _SCANS, is_needed=True)
+        self.subscribe(Odometry, "odom", self._on_odometry, 100, is_needed=True)
+        self.subscribe(
             PoseWithCovarianceStamped, "pose_correction", self._mapping.take_correction, 10
         )
-        self.create_subscription(TFMessage, "/tf", self._on_transforms, 100)
+        self.subscribe(TFMessage, "/tf", self._on_transforms, 100)
         static_qos = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self.create_subscription(TFMessage, "/tf_static", self._on_static_transforms, static_qos)
-        # Maps are published by the wall clock, however fast a bag is replayed.
+        self.subscribe(TFMessage, "/tf_static", self._on_static_transforms, static_qos)
+        self._publish_timer = self._timer()
+
+    def _timer(self) -> Timer:
+        """Maps are published by the wall clock, however fast a bag is replayed."""
         wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self._publish_timer = self.create_timer(
-            1.0 / self.params.mapping.publish_rate, self._publish, clock=wall_clock
-        )
-        self.create_timer(process.REPORT_PERIOD, self._report_drops, clock=wall_clock)
+        period = 1.0 / self.params.mapping.publish_rate
+        return self.create_timer(period, self._publish, clock=wall_clock)
 
     def finish(self) -> None:
         """Save the map under the name ``autosave``, where there is one and it is not saved."""
@@ -96,6 +101,23 @@ class MappingNode(process.ManagedNode):
                 self._save(self.params.mapping.autosave)
             except InputError as error:
                 self.get_logger().error(f"map not saved: {error}")
+
+    @property
+    def dropped(self) -> Counter[str]:
+        """How many messages were not used, by reason."""
+        return self._mapping.dropped
+
+    def figures(self) -> dict[str, Any]:
+        """What /diagnostics tells of the map."""
+        size = self._mapping.size()
+        latency, self._latency_ms = self._latency_ms, 0.0
+        return {
+            "scans merged": self._mapping.merged["scans"],
+            "scan to map, at most [ms]": round(latency, 1),
+            "map [cells]": f"{size.columns} x {size.rows}",
+            "map memory [MB]": round(size.bytes / 1e6, 2),
+            "map saved": self._saved == self._version,
+        }
 
     def _on_scan_of(self, topic: str) -> Callable[[LaserScan], None]:
         return lambda message: self._count(self._mapping.take_scan(topic, message))
@@ -109,8 +131,11 @@ class MappingNode(process.ManagedNode):
     def _on_static_transforms(self, message: TFMessage) -> None:
         self._count(self._mapping.take_transforms(message, is_static=True))
 
-    def _count(self, merged: list[Any]) -> None:
+    def _count(self, merged: list[Reading]) -> None:
         self._version += len(merged)
+        if merged:
+            late_ns = self.get_clock().now().nanoseconds - merged[0].scan.stamp_ns
+            self._latency_ms = max(self._latency_ms, late_ns * 1e-6)
 
     def _publish(self) -> None:
         due = [
@@ -125,7 +150,7 @@ class MappingNode(process.ManagedNode):
         try:
             maps = self._mapping.maps()
         except InputError as error:
-            self.get_logger().error(str(error), throttle_duration_sec=process.REPORT_PERIOD)
+            self.get_logger().error(str(error), throttle_duration_sec=REPORT_PERIOD)
             return
         for topic in due:
             self._publish_to(topic, self._publishers_of_maps[topic], maps)
@@ -213,9 +238,6 @@ class MappingNode(process.ManagedNode):
             self._frame,
         )
         return response
-
-    def _report_drops(self) -> None:
-        self._reported = process.report_drops(self, self._mapping.dropped, self._reported)
 
 
 def main() -> int:

@@ -5,20 +5,22 @@
 from __future__ import annotations
 
 import sys
+from collections import Counter
+from typing import Any
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry, Path
 from nav_msgs.srv import GetPlan
-from rclpy.clock import Clock, ClockType
 
 from heightmap25d_msgs.msg import HeightGrid, PlanStatus
 from heightmap25d_ros import messages
 from heightmap25d_ros.nodes import process
+from heightmap25d_ros.nodes.managed import ManagedNode
 from heightmap25d_ros.planning import Planning, compile_kernels
 from heightmap25d_ros.route import Plan, Status
 
 
-class PlanningNode(process.ManagedNode):
+class PlanningNode(ManagedNode):
     """Thin: hands messages to `Planning`, and publishes the plans that it returns."""
 
     def __init__(self) -> None:
@@ -27,7 +29,7 @@ class PlanningNode(process.ManagedNode):
     def set_up(self) -> None:
         """Make the planner, and what tells of its plans."""
         self._planning = Planning(self.params)
-        self._reported = 0
+        self._plan: Plan | None = None
         compile_kernels(self.params)
         self._path_publisher = self.create_lifecycle_publisher(Path, "plan", process.LATCHED)
         self._status_publisher = self.create_lifecycle_publisher(
@@ -36,15 +38,29 @@ class PlanningNode(process.ManagedNode):
 
     def start(self) -> None:
         """Hear the map, the robot and its goals, and answer."""
-        self.create_subscription(HeightGrid, "height_grid", self._on_map, process.LATCHED)
-        self.create_subscription(PoseStamped, "goal_pose", self._on_goal, 10)
-        self.create_subscription(Odometry, "odom", self._on_odometry, 10)
-        self.create_subscription(
+        self.subscribe(HeightGrid, "height_grid", self._on_map, process.LATCHED, is_needed=True)
+        self.subscribe(Odometry, "odom", self._on_odometry, 10, is_needed=True)
+        self.subscribe(PoseStamped, "goal_pose", self._on_goal, 10)
+        self.subscribe(
             PoseWithCovarianceStamped, "pose_correction", self._planning.take_correction, 10
         )
         self.create_service(GetPlan, "~/get_plan", self._get_plan)
-        wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(process.REPORT_PERIOD, self._report_drops, clock=wall_clock)
+
+    @property
+    def dropped(self) -> Counter[str]:
+        """How many messages were not used, by reason."""
+        return self._planning.dropped
+
+    def figures(self) -> dict[str, Any]:
+        """What /diagnostics tells of the last plan."""
+        if self._plan is None:
+            return {"last plan": "none"}
+        return {
+            "last plan": self._plan.status.name,
+            "last plan: reason": self._plan.reason,
+            "last plan: length [m]": round(self._plan.length, 2),
+            "last plan: took [ms]": round(1e3 * self._plan.seconds, 1),
+        }
 
     def _on_goal(self, message: PoseStamped) -> None:
         self._publish(self._planning.take_goal(message))
@@ -58,6 +74,7 @@ class PlanningNode(process.ManagedNode):
     def _publish(self, plan: Plan | None) -> None:
         if plan is None:
             return
+        self._plan = plan
         stamp = self.get_clock().now().nanoseconds
         path = Path()
         self._fill_path(path, plan, stamp)
@@ -86,9 +103,6 @@ class PlanningNode(process.ManagedNode):
         if plan.status is not Status.NONE:
             self.get_logger().warning(f"get_plan: no path: {plan.reason}")
         return response
-
-    def _report_drops(self) -> None:
-        self._reported = process.report_drops(self, self._planning.dropped, self._reported)
 
 
 def main() -> int:

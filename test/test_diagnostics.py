@@ -1,0 +1,117 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the nodes tell of themselves, over DDS: the self-check, and /diagnostics."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from itertools import count
+
+import pytest
+from bag_writer import laser_scan, odometry, rclpy_type
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from nav_msgs.msg import Odometry
+from node_client import Client, mapping_node, node_process
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import LaserScan
+
+MS = 10**6
+START_NS = 1_700_000_000 * 10**9
+NODES = ("/lonely/mapping", "/wrong/mapping", "/sound/mapping", "/lonely/planning")
+MOUNT = ("-p", "intake.mounts:=[0.0, 0.0, 0.5, 0.0, 0.0, 0.0]")
+
+
+@pytest.fixture(scope="module")
+def told(tmp_path_factory):
+    """Newest diagnostics and the log of each node, when all have checked themselves."""
+    statuses: dict[str, DiagnosticStatus] = {}
+    client = Client("/tester")
+
+    def keep(message):
+        for status in message.status:
+            statuses[status.name] = status
+
+    client.node.create_subscription(DiagnosticArray, "/diagnostics", keep, 100)
+    with ExitStack() as running:
+        directory = tmp_path_factory.mktemp("maps")
+        begin = running.enter_context
+        processes = [
+            begin(mapping_node(directory, "-p", "use_sim_time:=true", namespace="/lonely")),
+            begin(mapping_node(directory, namespace="/wrong")),
+            begin(mapping_node(directory, *MOUNT, namespace="/sound")),
+            begin(node_process("planning", namespace="/lonely")),
+        ]
+        publishers = {
+            topic: client.node.create_publisher(kind, topic, profile)
+            for topic, kind, profile in (
+                ("/lonely/odom", Odometry, qos_profile_sensor_data),
+                ("/wrong/odom", Odometry, 100),
+                ("/wrong/scan", LaserScan, 100),
+                ("/sound/odom", Odometry, 100),
+                ("/sound/scan", LaserScan, 100),
+            )
+        }
+        active_at = None
+        for step in count():
+            if active_at is None and len(statuses) == len(NODES):
+                active_at = step
+            if active_at is not None and step > active_at + 200:
+                break
+            stamp = START_NS + 20 * MS * step
+            z = 0.01 * (step % 2) if step else 0.0
+            for topic, publisher in publishers.items():
+                if topic.endswith("scan"):
+                    message = laser_scan(stamp + 10 * MS, (2.0, 2.0), type_of=rclpy_type)
+                else:
+                    place = (0.0, 0.0, z if "sound" in topic else 0.0)
+                    message = odometry(stamp, place, type_of=rclpy_type)
+                publisher.publish(message)
+            client.spin(0.03)
+    client.close()
+    logs = {name: process.log for name, process in zip(NODES, processes, strict=True)}
+    return {name: (status, logs[name]) for name, status in statuses.items()}
+
+
+def figures(status):
+    return {entry.key: entry.value for entry in status.values}
+
+
+def test_who_hears_nobody_says_so(told):
+    (mapping, _), (planning, _) = told["/lonely/mapping"], told["/lonely/planning"]
+    assert "the clock does not run" in mapping.message
+    assert "nobody publishes: /lonely/scan" in mapping.message
+    for status in (
+        mapping,
+        planning,
+    ):  # client publishes odom best effort, it is asked for reliable
+        assert "incompatible publisher: /lonely/odom: /tester/client: Best effort" in status.message
+        assert "nobody publishes: /lonely/odom" not in status.message
+    assert "nothing comes: /lonely/height_grid" in planning.message
+    assert figures(planning)["last plan"] == "none"
+
+
+def test_what_comes_and_cannot_be_used_is_told(told):
+    status, _ = told["/wrong/mapping"]
+    assert "unknown mount: scan: without the mount of 'laser'" in status.message
+    assert "the odometry is flat" in status.message
+    assert float(figures(status)["dropped: scan: without the mount of 'laser'"]) > 10
+
+
+def test_a_node_that_lacks_nothing_says_so(told):
+    status, log = told["/sound/mapping"]
+    assert (status.level, status.message) == (DiagnosticStatus.OK, "active")
+    values = figures(status)
+    assert float(values["scans merged"]) > 100
+    assert float(values["/sound/scan [Hz]"]) > 5.0
+    assert values["map [cells]"] == "16 x 16"  # one tile, of 2 m
+    assert values["map saved"] == "False"
+    assert "self-check: nothing is missing" in log
+
+
+def test_each_node_says_it_once_in_one_line(told):
+    for status, log in told.values():
+        lines = [line for line in log.splitlines() if "self-check:" in line]
+        assert len(lines) == 1
+        for finding in status.message.split("; ")[1:]:
+            # Counts go on after the line was written.
+            assert finding.partition(" (")[0].partition(" of ")[0] in lines[0]

@@ -1,0 +1,120 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a node lacks, told from plain values."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from bag_writer import laser_scan, odometry
+
+from heightmap25d_ros.mapping import Mapping
+from heightmap25d_ros.params import IntakeParams, Params
+from heightmap25d_ros.self_check import FLAT_FROM, Flatness, Input, Lack, Observed, findings
+
+MS = 10**6
+TROUBLESHOOTING = Path(__file__).parent.parent / "docs" / "troubleshooting.md"
+
+
+def heard(topic="/scan", publishers=1, incompatible=(), received=10, is_needed=True):
+    return Input(
+        topic=topic,
+        publishers=publishers,
+        incompatible=incompatible,
+        received=received,
+        is_needed=is_needed,
+    )
+
+
+def lacks(*inputs, dropped=None, clock_ns=None, flat_poses=0):
+    observed = Observed(
+        inputs=inputs, dropped=dropped or {}, clock_ns=clock_ns, flat_poses=flat_poses
+    )
+    return [(finding.lack, finding.detail) for finding in findings(observed)]
+
+
+def test_nothing_is_missing_where_all_comes():
+    assert lacks(heard(), heard("/odom"), clock_ns=(5, 6), flat_poses=FLAT_FROM - 1) == []
+
+
+@pytest.mark.parametrize(
+    ("lacking", "lack", "detail"),
+    [
+        (heard(publishers=0, received=0), Lack.NO_PUBLISHER, "/scan"),
+        (heard(received=0), Lack.SILENT, "/scan"),
+        (
+            heard(incompatible=("/driver: best effort",), received=0),
+            Lack.INCOMPATIBLE,
+            "/scan: /driver: best effort",
+        ),
+    ],
+)
+def test_a_topic_that_brings_nothing_is_told_with_its_cause_only(lacking, lack, detail):
+    assert lacks(lacking, heard("/odom")) == [(lack, detail)]
+
+
+def test_topics_that_need_not_be_there_are_told_only_where_somebody_publishes_in_vain():
+    optional = {"topic": "/pose_correction", "received": 0, "is_needed": False}
+    assert lacks(heard(publishers=0, **optional), heard(**optional)) == []
+    assert [lack for lack, _ in lacks(heard(incompatible=("/a: no",), **optional))] == [
+        Lack.INCOMPATIBLE
+    ]
+
+
+def test_a_clock_that_stands_is_told_and_one_that_is_not_used_is_not():
+    assert lacks(clock_ns=(0, 0))[0][0] is Lack.CLOCK
+    assert lacks(clock_ns=(7 * 10**9, 7 * 10**9))[0][1].endswith("/clock stands at 7")
+    assert lacks(clock_ns=None) == []
+
+
+def dropped_by_mapping(*, with_odometry, with_mount):
+    """Reasons as the intake words them, after two seconds of scans."""
+    mounts = (0.0,) * 6 if with_mount else ()
+    mapping = Mapping(Params(intake=IntakeParams(mounts=mounts)))
+    for milliseconds in range(0, 3000, 20):
+        if with_odometry:
+            mapping.take_odometry(odometry(milliseconds * MS, (0.0, 0.0, 0.0)))
+        mapping.take_scan("scan", laser_scan((milliseconds + 5) * MS, (2.0, 2.0)))
+    return mapping.dropped
+
+
+@pytest.mark.parametrize(
+    ("with_odometry", "with_mount", "expected"),
+    [
+        (True, True, []),
+        (False, True, [Lack.NO_ODOMETRY]),
+        (True, False, [Lack.UNKNOWN_MOUNT]),
+    ],
+)
+def test_scans_that_are_dropped_tell_what_they_lacked(with_odometry, with_mount, expected):
+    dropped = dropped_by_mapping(with_odometry=with_odometry, with_mount=with_mount)
+    found = lacks(heard(), dropped=dropped)
+    assert [lack for lack, _ in found] == expected
+    assert all("scan: without" in detail for _, detail in found)
+
+
+def test_other_drops_are_not_taken_for_a_lack():
+    reasons = ("odometry: of 'x', not of 'base_link'", "scan: bad ranges", "scan: out of order")
+    assert lacks(heard(), dropped=Counter(reasons)) == []
+
+
+def test_odometry_is_flat_only_where_it_never_left_the_plane():
+    flat, rising, tilted = Flatness(), Flatness(), Flatness()
+    for step in range(FLAT_FROM):
+        turned = (0.0, 0.0, math.sin(step), math.cos(step))
+        flat.see(odometry(step * MS, (0.1 * step, 0.0, 0.0), turned))
+        rising.see(odometry(step * MS, (0.0, 0.0, 1e-6 if step == 3 else 0.0)))
+        pose = odometry(step * MS, (0.0, 0.0, 0.0))
+        pose.pose.pose.orientation.x = -1e-9 * step
+        tilted.see(pose)
+    assert (flat.poses, rising.poses, tilted.poses) == (FLAT_FROM, 0, 0)
+    assert lacks(flat_poses=flat.poses)[0][0] is Lack.FLAT
+
+
+@pytest.mark.parametrize("lack", Lack)
+def test_every_message_is_explained(lack):
+    headings = [line for line in TROUBLESHOOTING.read_text().splitlines() if line[:3] == "## "]
+    assert [heading for heading in headings if lack.value in heading.lower()] != []
