@@ -265,6 +265,11 @@ class HeightGrid:
         flags[:] = 0
         return changed
 
+    def mark_changed(self) -> None:
+        """Have `take_changed` return all observed tiles once more."""
+        tiles = np.argwhere(self.tile_top)
+        self.tile_changed[tuple(tiles.T)] = 1
+
     def read(self, probability_threshold: float, area: Area | None = None) -> HeightMap:
         """Dense copy of an area, or of all that was observed."""
         area = self.observed_area() if area is None else area

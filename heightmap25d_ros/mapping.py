@@ -90,8 +90,17 @@ class Mapping:
         if content is not None:
             grid.write(content)
         self.grid = grid
-        self._mapper = Mapper(grid, self._params.sensor, self._params.mapper)
-        self._obstacles = ObstacleGrid(grid.geometry, self._params.traversability)
+        self._use_params()
+
+    def set_params(self, params: Params) -> None:
+        """Go on with other parameters: sensor, mapper, traversability, limits; the map stays."""
+        self._params = params
+        self._use_params()
+
+    def _use_params(self) -> None:
+        self._mapper = Mapper(self.grid, self._params.sensor, self._params.mapper)
+        self._obstacles = ObstacleGrid(self.grid.geometry, self._params.traversability)
+        self.grid.mark_changed()
 
     @property
     def scan_topics(self) -> tuple[str, ...]:

@@ -122,6 +122,11 @@ class Planning:
         self._goal = goal
         return self._planned()
 
+    def set_params(self, params: Params) -> Plan | None:
+        """Go on with other parameters; a plan where they ask for another one."""
+        self._params, self._planner = params, None
+        return self._checked() if self._goal is not None and self._plan is not None else None
+
     def plan_between(self, start: Any, goal: Any, tolerance: float) -> Plan:
         """Plan from any pose to any pose (geometry_msgs/PoseStamped), whatever goal is set.
 

@@ -147,7 +147,7 @@ def survey(height_map: HeightMap, params: TraversabilityParams) -> Ground:
     InputError
         If the robot's radius is more than 100 cells.
     """
-    disc = _disc(params, height_map.geometry.resolution)
+    disc = covering_disc(params, height_map.geometry.resolution)
     margin = max(disc.radius, 1)
     max_step_cm = _whole(params.max_step / HEIGHT_RESOLUTION)
     surface = padded_surface(height_map.height, height_map.known, margin)
@@ -188,7 +188,7 @@ def convert(
     scales = tuple(STEEPEST / limit for limit in (max_step_cm, max_gradient, max_roughness))
     slopes = ground.gradient[0], ground.gradient[1]
     _grade(ground.step, *slopes, ground.roughness, scales, occupancy, cost)
-    disc = _disc(params, height_map.geometry.resolution)
+    disc = covering_disc(params, height_map.geometry.resolution)
     return ObstacleMap(
         geometry=height_map.geometry,
         occupancy=occupancy,
@@ -202,7 +202,14 @@ def _whole(quantity: float) -> int:
     return math.floor(quantity + 1e-6)
 
 
-def _disc(params: TraversabilityParams, resolution: float) -> Footprint:
+def covering_disc(params: TraversabilityParams, resolution: float) -> Footprint:
+    """The disc that covers the robot, in cells.
+
+    Raises
+    ------
+    InputError
+        If its radius is more than `LARGEST_RADIUS`.
+    """
     cells = params.robot_radius / resolution
     if cells > LARGEST_RADIUS:
         raise InputError(
@@ -246,7 +253,7 @@ class ObstacleGrid:
     def __init__(self, geometry: Geometry, params: TraversabilityParams) -> None:
         self._geometry = geometry
         self._params = params
-        radius = _disc(params, geometry.resolution).radius
+        radius = covering_disc(params, geometry.resolution).radius
         self._influence = radius + max(radius, 1)  # inflation, and what makes a cell occupied
         tiles = geometry.shape[0] // TILE, geometry.shape[1] // TILE
         # A cost is stored plus 1: what was never written is unknown.

@@ -11,6 +11,7 @@ from bag_writer import header, laser_scan, odometry, rosbags_type, tf_message
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.mapping import Mapping
 from heightmap25d_ros.params import Params, with_values
+from heightmap25d_ros.traversability import convert
 
 START = 10**18
 MS = 10**6
@@ -165,3 +166,29 @@ def test_a_map_that_does_not_fit_is_refused_and_the_running_one_stays():
     with pytest.raises(ValueError, match="resolution"):
         m.clear(other)
     assert len(heights(m)) == 1
+
+
+def test_other_parameters_convert_the_whole_map_anew_and_leave_the_heights():
+    made = mapping()
+    for x in (0.0, 4.0):
+        for milliseconds in (0, 20):
+            made.take_odometry(pose(1000 * int(x) + milliseconds, x))
+        made.take_scan("scan", scan(1000 * int(x) + 10, 2.0, 2.2, 1.5))
+    before, _ = made.maps()
+    changed = with_values(Params(), VALUES | {"traversability.robot_radius": 0.2})
+    made.set_params(changed)
+    height_map, obstacle_map = made.maps()
+    np.testing.assert_array_equal(height_map.height, before.height)
+    whole = convert(height_map, changed.traversability)
+    np.testing.assert_array_equal(obstacle_map.cost, whole.cost)
+    np.testing.assert_array_equal(obstacle_map.occupancy, whole.occupancy)
+
+
+def test_a_lower_ceiling_counts_from_the_next_scan_on():
+    made = mapping()
+    made.set_params(with_values(Params(), VALUES | {"sensor.max_height": 0.4}))
+    made.take_odometry(pose(0))
+    made.take_odometry(pose(20))
+    made.take_scan("scan", scan(10, 2.0))
+    assert made.merged["scans"] == 1
+    assert heights(made) == {}  # the laser is 0.5 m above base_link

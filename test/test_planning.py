@@ -418,3 +418,22 @@ def test_a_robot_that_comes_from_where_it_could_not_start():
     p = planning(FLAT, robot=(-1.0, 5.0))
     assert p.take_goal(pose_stamped(*EAST)).status is Status.START_OUTSIDE_MAP
     assert p.take_odometry(at(*WEST)) is not None
+
+
+def with_changes(**values):
+    """The parameters of `planning`, some of them changed."""
+    return with_values(Params(), {"planner.timeout": 600.0, "planner.unknown": "cost"} | values)
+
+
+def test_a_robot_that_is_said_to_be_wider_does_not_take_the_narrow_gap():
+    p = planning(wall(NEAR, FAR))
+    assert NEAR[0] < crosses_wall_at(p.take_goal(pose_stamped(*EAST))) < NEAR[1]
+    plan = p.set_params(with_changes(**{"traversability.robot_radius": 0.9}))
+    assert plan is not None
+    assert FAR[0] < crosses_wall_at(plan) < FAR[1]
+
+
+def test_parameters_that_change_nothing_leave_the_path():
+    p = planning(wall(NEAR, FAR))
+    p.take_goal(pose_stamped(*EAST))
+    assert p.set_params(with_changes(**{"planner.goal_tolerance": 0.1})) is None

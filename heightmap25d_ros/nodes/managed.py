@@ -92,6 +92,11 @@ class ManagedNode(LifecycleNode):
         """Of the lifecycle: unconfigured, inactive, active or finalized."""
         return str(self._state_machine.current_state[1])
 
+    @property
+    def is_active(self) -> bool:
+        """Whether there is what `start` makes."""
+        return self.state_label == "active"
+
     def begin(self) -> None:
         """Configure and activate, unless that is left to a manager.
 

@@ -16,7 +16,6 @@ from nav_msgs.srv import GetMap
 from rclpy.clock import Clock, ClockType
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.timer import Timer
 from sensor_msgs.msg import LaserScan, PointCloud2, PointField
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
@@ -86,13 +85,21 @@ class MappingNode(ManagedNode):
         self.subscribe(TFMessage, "/tf", self._on_transforms, 100)
         static_qos = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self.subscribe(TFMessage, "/tf_static", self._on_static_transforms, static_qos)
-        self._publish_timer = self._timer()
+        self._start_publishing()
 
-    def _timer(self) -> Timer:
+    def _start_publishing(self) -> None:
         """Maps are published by the wall clock, however fast a bag is replayed."""
         wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
         period = 1.0 / self.params.mapping.publish_rate
-        return self.create_timer(period, self._publish, clock=wall_clock)
+        self._publish_timer = self.create_timer(period, self._publish, clock=wall_clock)
+
+    def take_params(self) -> None:
+        """Go on with other parameters: the map is converted and published again."""
+        self._mapping.set_params(self.params)
+        self._published.clear()
+        if self.is_active:
+            self.destroy_timer(self._publish_timer)
+            self._start_publishing()
 
     def finish(self) -> None:
         """Save the map under the name ``autosave``, where there is one and it is not saved."""

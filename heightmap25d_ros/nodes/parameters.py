@@ -12,6 +12,7 @@ from rclpy.parameter import Parameter
 
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.params import Params, Spec, Value, flatten, is_live, with_values
+from heightmap25d_ros.traversability import covering_disc
 
 # Parameters that rclpy brings along in every node.
 _RCLPY_PARAMETERS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
@@ -33,13 +34,19 @@ def declare_params(node: Node) -> Params:
         for name, parameter in node.get_parameters_by_prefix("").items()
         if not name.startswith(_RCLPY_PARAMETERS)
     }
-    params = with_values(Params(), given)
+    params = _fitting(with_values(Params(), given))
     for name, (spec, value) in flatten(params).items():
         if name in given:
             node.undeclare_parameter(name)
         # ROS has no empty lists: such a parameter is declared by its type and not set.
         stored = Parameter.Type.DOUBLE_ARRAY if value == () else value
         node.declare_parameter(name, stored, _descriptor(name, spec, value))
+    return params
+
+
+def _fitting(params: Params) -> Params:
+    """The same parameters; `InputError` where sections do not go together."""
+    covering_disc(params.traversability, params.grid.resolution)
     return params
 
 
@@ -72,7 +79,8 @@ def follow_changes(node: Node, params: Params, take: Callable[[Params], None]) -
 
     def changed(changes: list[Parameter]) -> Params:
         known = flatten(current)
-        return with_values(current, {p.name: p.value for p in changes if p.name in known})
+        values = {p.name: p.value for p in changes if p.name in known}
+        return _fitting(with_values(current, values))
 
     def check(changes: list[Parameter]) -> SetParametersResult:
         try:

@@ -46,6 +46,10 @@ class PlanningNode(ManagedNode):
         )
         self.create_service(GetPlan, "~/get_plan", self._get_plan)
 
+    def take_params(self) -> None:
+        """Plan with other parameters, to the goal that is set as well."""
+        self._publish(self._planning.set_params(self.params))
+
     @property
     def dropped(self) -> Counter[str]:
         """How many messages were not used, by reason."""
