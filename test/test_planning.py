@@ -426,11 +426,12 @@ def with_changes(**values):
 
 
 def test_a_robot_that_is_said_to_be_wider_does_not_take_the_narrow_gap():
-    p = planning(wall(NEAR, FAR))
+    wide = (6.4, 9.4)
+    p = planning(wall(NEAR, wide))
     assert NEAR[0] < crosses_wall_at(p.take_goal(pose_stamped(*EAST))) < NEAR[1]
     plan = p.set_params(with_changes(**{"traversability.robot_radius": 0.9}))
     assert plan is not None
-    assert FAR[0] < crosses_wall_at(plan) < FAR[1]
+    assert wide[0] < crosses_wall_at(plan) < wide[1]
 
 
 def test_parameters_that_change_nothing_leave_the_path():
