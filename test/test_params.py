@@ -10,15 +10,32 @@ from heightmap25d_ros.parameter_file import as_markdown, as_yaml, read_yaml
 from heightmap25d_ros.params import Params, SensorParams, flatten, with_values
 
 ROOT = Path(__file__).parent.parent
+CONFIG = ROOT / "config"
 
 
 def test_config_file_and_readme_are_current():
-    assert (ROOT / "config" / "heightmap25d.yaml").read_text() == as_yaml(Params())
+    assert (CONFIG / "heightmap25d.yaml").read_text() == as_yaml(Params())
     assert as_markdown(Params()) in (ROOT / "README.md").read_text()
 
 
 def test_the_config_file_gives_the_defaults():
-    assert read_yaml(ROOT / "config" / "heightmap25d.yaml") == Params()
+    assert read_yaml(CONFIG / "heightmap25d.yaml") == Params()
+
+
+def dotted(document):
+    """``section.name`` of all that is in the parameters of a file; those of no section as well."""
+    for section, content in document.items():
+        yield from (f"{section}.{n}" for n in content) if isinstance(content, dict) else [section]
+
+
+@pytest.mark.parametrize(
+    "path", sorted(set(CONFIG.glob("*.yaml")) - {CONFIG / "heightmap25d.yaml"})
+)
+def test_a_preset_holds_only_what_differs_from_the_defaults(path):
+    defaults, preset = flatten(Params()), flatten(read_yaml(path))
+    changed = {name for name in defaults if preset[name] != defaults[name]}
+    document = yaml.safe_load(path.read_text())["/**"]["ros__parameters"]
+    assert set(dotted(document)) == changed != set()
 
 
 def test_every_parameter_has_a_meaning_and_every_number_a_range():
@@ -96,5 +113,4 @@ def test_a_missing_file_is_refused(tmp_path):
 def test_the_generated_yaml_holds_every_parameter():
     document = yaml.safe_load(as_yaml(Params()).replace("# mounts:", "mounts:"))
     document = document["/**"]["ros__parameters"]
-    names = {f"{section}.{name}" for section, body in document.items() for name in body}
-    assert names == set(flatten(Params()))
+    assert set(dotted(document)) == set(flatten(Params()))
