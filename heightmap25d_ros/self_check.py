@@ -12,6 +12,9 @@ from typing import Any
 FLAT_FROM = 20
 """Messages of odometry from which on exact zeros are no accident."""
 
+TOLERATED = 0.2
+"""Share of the scans that may lack a pose or a mount: the first ones are early."""
+
 
 class Lack(Enum):
     """What can be missing; docs/troubleshooting.md has a section on each, by these words."""
@@ -55,6 +58,8 @@ class Observed:
     Attributes
     ----------
     inputs : tuple of Input
+    scans : int
+        How many came.
     dropped : mapping of str to int
         How many messages were not used, by reason, as `intake.ScanIntake` words them.
     clock_ns : tuple of int [ns], optional
@@ -64,6 +69,7 @@ class Observed:
     """
 
     inputs: tuple[Input, ...]
+    scans: int
     dropped: Mapping[str, int]
     clock_ns: tuple[int, int] | None
     flat_poses: int
@@ -90,7 +96,7 @@ def findings(observed: Observed) -> list[Finding]:
         found += _of_input(heard)
     for lack, words in ((Lack.NO_ODOMETRY, "the odometry"), (Lack.UNKNOWN_MOUNT, "the mount of ")):
         reasons = {r: count for r, count in observed.dropped.items() if _is_lack(r, words)}
-        if reasons:
+        if sum(reasons.values()) > TOLERATED * observed.scans:
             found.append(Finding(lack, ", ".join(f"{r} ({n})" for r, n in reasons.items())))
     if observed.flat_poses >= FLAT_FROM:
         told = f"z, roll and pitch were exactly 0 in all of {observed.flat_poses} messages"

@@ -29,9 +29,9 @@ def heard(topic="/scan", publishers=1, incompatible=(), received=10, is_needed=T
     )
 
 
-def lacks(*inputs, dropped=None, clock_ns=None, flat_poses=0):
+def lacks(*inputs, scans=100, dropped=None, clock_ns=None, flat_poses=0):
     observed = Observed(
-        inputs=inputs, dropped=dropped or {}, clock_ns=clock_ns, flat_poses=flat_poses
+        inputs=inputs, scans=scans, dropped=dropped or {}, clock_ns=clock_ns, flat_poses=flat_poses
     )
     return [(finding.lack, finding.detail) for finding in findings(observed)]
 
@@ -94,6 +94,12 @@ def test_scans_that_are_dropped_tell_what_they_lacked(with_odometry, with_mount,
     found = lacks(heard(), dropped=dropped)
     assert [lack for lack, _ in found] == expected
     assert all("scan: without" in detail for _, detail in found)
+
+
+def test_some_scans_that_come_before_everything_else_are_no_lack():
+    early = {"scan: before the odometry": 15}
+    assert lacks(heard(), scans=100, dropped=early) == []
+    assert [lack for lack, _ in lacks(heard(), scans=50, dropped=early)] == [Lack.NO_ODOMETRY]
 
 
 def test_other_drops_are_not_taken_for_a_lack():

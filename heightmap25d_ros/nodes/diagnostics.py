@@ -16,6 +16,7 @@ from nav_msgs.msg import Odometry
 from rclpy.clock import Clock, ClockType
 from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from rclpy.subscription import Subscription
+from sensor_msgs.msg import LaserScan
 
 from heightmap25d_ros.self_check import Finding, Flatness, Input, Observed, findings
 
@@ -112,6 +113,7 @@ class Diagnostics:
         return findings(
             Observed(
                 inputs=tuple(map(self._input, self._inputs)),
+                scans=sum(h.received for h in self._inputs if h.subscription.msg_type is LaserScan),
                 dropped=self._node.dropped,
                 clock_ns=clock_ns,
                 flat_poses=self._flatness.poses,

@@ -8,20 +8,22 @@ import signal
 import sys
 from collections.abc import Callable
 from types import FrameType
-from typing import Any, NoReturn
+from typing import Any
 
 import rclpy
 from rclpy.exceptions import NameValidationException, ParameterException
-from rclpy.executors import ExternalShutdownException
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.signals import SignalHandlerOptions
 
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.nodes.managed import ManagedNode
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Of maps and plans: reliable, and who comes late gets the last one."""
+
+_LONGEST_WAIT = 0.2  # [s] until a signal is seen where no message comes
 
 
 def _made(make_node: Callable[[], Node]) -> Node:
@@ -58,22 +60,23 @@ def run(make_node: Callable[[], Node], arguments: list[str] | None = None) -> in
         Of the command line; by default the process's own.
     """
     node = None
-    _on_signals(_stop)
+    interruption = _Interruption()
     try:
-        start_ros(arguments)
+        # Signals are ours: rclpy's handlers would end ROS while a callback is using it.
+        start_ros(arguments, signal_handler_options=SignalHandlerOptions.NO)
         node = _made(make_node)
-        _spin(node)
-    except (KeyboardInterrupt, ExternalShutdownException):
+        if isinstance(node, ManagedNode):
+            node.begin()
+        interruption.raises = False
+        _spin(node, interruption)
+    except KeyboardInterrupt:
         pass
     except (InputError, ParameterException, NameValidationException) as error:
         reason = " ".join(str(error).split())
         print(f"error: {reason}", file=sys.stderr)
         return 2
-    except Exception:
-        if rclpy.ok():  # else a signal ended ROS while a callback was using it
-            raise
     finally:
-        _on_signals(_ignore)
+        ignore_signals()
         if isinstance(node, ManagedNode):
             node.end()
         if node is not None:
@@ -82,25 +85,34 @@ def run(make_node: Callable[[], Node], arguments: list[str] | None = None) -> in
     return 0
 
 
-def _spin(node: Node) -> None:
-    # A message costs a third of what it costs in the default executor. Its spin() does not
-    # end on a signal; spin_once() does.
+def ignore_signals() -> None:
+    """The process is ending: a second Ctrl-C, as a launcher sends, must not spoil that."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+
+
+class _Interruption:
+    """Whether Ctrl-C or SIGTERM has come.
+
+    While a node begins, which may take a while, it is an exception as well. Not later: out of
+    nowhere, an exception aborts the executor.
+    """
+
+    def __init__(self) -> None:
+        self.has_come = False
+        self.raises = True
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._come)
+
+    def _come(self, signal_number: int, frame: FrameType | None) -> None:
+        self.has_come = True
+        if self.raises:
+            raise KeyboardInterrupt
+
+
+def _spin(node: Node, interruption: _Interruption) -> None:
+    # A message costs a third of what it costs in the default executor.
     executor = EventsExecutor()
     executor.add_node(node)
-    if isinstance(node, ManagedNode):
-        node.begin()
-    while rclpy.ok():
-        executor.spin_once(timeout_sec=0.5)
-
-
-def _on_signals(handler: Callable[[int, FrameType | None], None]) -> None:
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, handler)
-
-
-def _stop(signal_number: int, frame: FrameType | None) -> NoReturn:
-    raise KeyboardInterrupt
-
-
-def _ignore(signal_number: int, frame: FrameType | None) -> None:
-    """A second Ctrl-C must not interrupt the saving of a map."""
+    while not interruption.has_come:
+        executor.spin_once(timeout_sec=_LONGEST_WAIT)

@@ -293,6 +293,7 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         pass
     finally:
+        process.ignore_signals()
         rclpy.try_shutdown()
     return 0
 

@@ -1,0 +1,31 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""ros2 launch heightmap25d_ros replay.launch.py bag:=bags/ramp_1: a bag through the nodes."""
+
+from ament_index_python import get_package_share_path
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+
+PACKAGE = "heightmap25d_ros"
+
+
+def generate_launch_description():
+    """The bringup, with its arguments, in the time of the bag."""
+    bringup = get_package_share_path(PACKAGE) / "launch" / "bringup.launch.py"
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument("bag", description="rosbag2 directory, or one of its files"),
+            DeclareLaunchArgument("rate", default_value="1.0", description="times real time"),
+            IncludeLaunchDescription(
+                str(bringup), launch_arguments={"use_sim_time": "true"}.items()
+            ),
+            Node(
+                package=PACKAGE,
+                executable="replay",
+                arguments=[LaunchConfiguration("bag"), "--rate", LaunchConfiguration("rate")],
+                output="screen",
+            ),
+        ]
+    )

@@ -1,0 +1,39 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""ros2 launch heightmap25d_ros simulation.launch.py world:=ramp: nodes and simulator."""
+
+from ament_index_python import get_package_share_path
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node, SetRemap
+
+PACKAGE = "heightmap25d_ros"
+
+
+def generate_launch_description():
+    """The bringup, with its arguments, in the time of the simulator, which takes cmd_vel."""
+    bringup = get_package_share_path(PACKAGE) / "launch" / "bringup.launch.py"
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument("world", default_value="room", description="where the robot is"),
+            DeclareLaunchArgument("rate", default_value="1.0", description="times real time"),
+            SetRemap("/clock", "clock"),  # in a namespace, each robot has a time of its own
+            IncludeLaunchDescription(
+                str(bringup), launch_arguments={"use_sim_time": "true"}.items()
+            ),
+            Node(
+                package=PACKAGE,
+                executable="simulator",
+                namespace=LaunchConfiguration("namespace"),
+                parameters=[
+                    {
+                        "simulator.world": LaunchConfiguration("world"),
+                        "simulator.rate": LaunchConfiguration("rate"),
+                    }
+                ],
+                remappings=[("/tf", "tf"), ("/tf_static", "tf_static")],
+                output="screen",
+            ),
+        ]
+    )
