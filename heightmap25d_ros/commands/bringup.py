@@ -45,7 +45,8 @@ def _bringup(options: argparse.Namespace) -> Figures:
     The same as launch/bringup.launch.py. When a node ends by itself, so do the others.
     """
     read_params(options)  # a wrong file is told once, and here
-    signal.signal(signal.SIGTERM, _stop)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, _stop)
     processes: dict[str, subprocess.Popen[bytes]] = {}
     died: list[str] = []
     try:
