@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from bag_writer import laser_scan, odometry, rclpy_type
 from node_client import MAPS, Client, mapping_node, node_process
+from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import (
     DescribeParameters,
     GetParameters,
@@ -135,6 +136,17 @@ def test_the_rate_of_publishing_changes_at_once(stepped):
     assert stepped.newest == {}
     assert stepped.set_together(mapping__publish_rate=20.0).successful
     stepped.wait(lambda: "map" in stepped.newest, 5.0)
+
+
+def test_all_parameters_can_be_read_at_once(tmp_path):
+    client = Setter("mapping", "/dumped")
+    with mapping_node(tmp_path, namespace="/dumped"):
+        names = list(flatten(Params()))
+        values = client.call("mapping/get_parameters", GetParameters, names=names).values
+        assert len(values) == len(names)
+        types = {name: value.type for name, value in zip(names, values, strict=True)}
+        assert types["intake.mounts"] == ParameterType.PARAMETER_DOUBLE_ARRAY
+    client.close()
 
 
 def test_a_parameter_says_whether_it_can_be_set(stepped):

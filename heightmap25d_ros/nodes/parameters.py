@@ -6,7 +6,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    ParameterDescriptor,
+    ParameterType,
+    SetParametersResult,
+)
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -38,10 +43,23 @@ def declare_params(node: Node) -> Params:
     for name, (spec, value) in flatten(params).items():
         if name in given:
             node.undeclare_parameter(name)
-        # ROS has no empty lists: such a parameter is declared by its type and not set.
-        stored = Parameter.Type.DOUBLE_ARRAY if value == () else value
-        node.declare_parameter(name, stored, _descriptor(name, spec, value))
+        descriptor = _descriptor(name, spec, value)
+        if value == ():
+            _declare_empty(node, name, descriptor)
+        else:
+            node.declare_parameter(name, value, descriptor)
     return params
+
+
+def _declare_empty(node: Node, name: str, descriptor: ParameterDescriptor) -> None:
+    """Declare an empty list of numbers, which rclpy would take for bytes.
+
+    Declared by its type only it would not be set, and `ros2 param dump` tell of no parameter.
+    """
+    node.declare_parameter(name, [0.0])
+    node.set_parameters([Parameter(name, Parameter.Type.DOUBLE_ARRAY, [])])
+    descriptor.type = ParameterType.PARAMETER_DOUBLE_ARRAY
+    node.set_descriptor(name, descriptor)
 
 
 def _fitting(params: Params) -> Params:
