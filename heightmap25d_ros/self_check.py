@@ -63,7 +63,7 @@ class Observed:
     dropped : mapping of str to int
         How many messages were not used, by reason, as `intake.ScanIntake` words them.
     clock_ns : tuple of int [ns], optional
-        The node's clock at the activation and now; None where it is not /clock.
+        The node's clock a second ago and now; None where it is not /clock.
     flat_poses : int
         Messages of odometry if z, roll and pitch were exactly 0 in all of them, else 0.
     """

@@ -13,12 +13,16 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry
 from node_client import Client, mapping_node, node_process
 from rclpy.qos import qos_profile_sensor_data
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
 
 MS = 10**6
 START_NS = 1_700_000_000 * 10**9
 NODES = ("/lonely/mapping", "/wrong/mapping", "/sound/mapping", "/lonely/planning")
 MOUNT = ("-p", "intake.mounts:=[0.0, 0.0, 0.5, 0.0, 0.0, 0.0]")
+
+SIMULATED = ("-p", "use_sim_time:=true")
+NO_CLOCK = ("-r", "/clock:=/no_clock")
 
 
 @pytest.fixture(scope="module")
@@ -36,9 +40,9 @@ def told(tmp_path_factory):
         directory = tmp_path_factory.mktemp("maps")
         begin = running.enter_context
         processes = [
-            begin(mapping_node(directory, "-p", "use_sim_time:=true", namespace="/lonely")),
+            begin(mapping_node(directory, *SIMULATED, *NO_CLOCK, namespace="/lonely")),
             begin(mapping_node(directory, namespace="/wrong")),
-            begin(mapping_node(directory, *MOUNT, namespace="/sound")),
+            begin(mapping_node(directory, *SIMULATED, *MOUNT, namespace="/sound")),
             begin(node_process("planning", namespace="/lonely")),
         ]
         publishers = {
@@ -49,6 +53,7 @@ def told(tmp_path_factory):
                 ("/wrong/scan", LaserScan, 100),
                 ("/sound/odom", Odometry, 100),
                 ("/sound/scan", LaserScan, 100),
+                ("/clock", Clock, 10),
             )
         }
         active_at = None
@@ -60,7 +65,10 @@ def told(tmp_path_factory):
             stamp = START_NS + 20 * MS * step
             z = 0.01 * (step % 2) if step else 0.0
             for topic, publisher in publishers.items():
-                if topic.endswith("scan"):
+                if topic == "/clock":
+                    message = Clock()
+                    message.clock.sec, message.clock.nanosec = divmod(stamp, 10**9)
+                elif topic.endswith("scan"):
                     message = laser_scan(stamp + 10 * MS, (2.0, 2.0), type_of=rclpy_type)
                 else:
                     place = (0.0, 0.0, z if "sound" in topic else 0.0)
@@ -104,6 +112,7 @@ def test_a_node_that_lacks_nothing_says_so(told):
     assert float(values["scans merged"]) > 100
     assert float(values["/sound/scan [Hz]"]) > 5.0
     assert values["map [cells]"] == "16 x 16"  # one tile, of 2 m
+    assert float(values["scan to map, at most [ms]"]) < 1000.0  # by /clock, as the stamps are
     assert values["map saved"] == "False"
     assert "self-check: nothing is missing" in log
 

@@ -56,6 +56,7 @@ class Diagnostics:
         self._wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._counted_at = time.monotonic()
+        self._clock_ns = (0, 0)
         self.deactivate()
         node.create_timer(PERIOD, self._publish, clock=self._wall_clock)
 
@@ -85,14 +86,12 @@ class Diagnostics:
 
     def activate(self) -> None:
         """Everything is subscribed; look around in a while."""
-        self._activated_ns = self._node.get_clock().now().nanoseconds
         self._settling = self._node.create_timer(SETTLED, self._tell, clock=self._wall_clock)
 
     def deactivate(self) -> None:
         """Nothing is subscribed any more."""
         self._inputs: list[_Heard] = []
         self._flatness = Flatness()
-        self._activated_ns = 0
         self._is_settled = False
 
     def _tell(self) -> None:
@@ -107,15 +106,13 @@ class Diagnostics:
     def _findings(self) -> list[Finding]:
         if not self._is_settled:
             return []
-        clock_ns = None
-        if self._node.get_parameter("use_sim_time").value:
-            clock_ns = self._activated_ns, self._node.get_clock().now().nanoseconds
+        is_simulated = self._node.get_parameter("use_sim_time").value
         return findings(
             Observed(
                 inputs=tuple(map(self._input, self._inputs)),
                 scans=sum(h.received for h in self._inputs if h.subscription.msg_type is LaserScan),
                 dropped=self._node.dropped,
-                clock_ns=clock_ns,
+                clock_ns=self._clock_ns if is_simulated else None,
                 flat_poses=self._flatness.poses,
             )
         )
@@ -133,6 +130,8 @@ class Diagnostics:
         )
 
     def _publish(self) -> None:
+        now = self._node.get_clock().now()
+        self._clock_ns = self._clock_ns[1], now.nanoseconds
         found = self._findings()
         state = self._node.state_label
         status = DiagnosticStatus(
@@ -148,7 +147,7 @@ class Diagnostics:
         values["memory of the process [MB]"] = round(_resident_bytes() / 1e6, 1)
         status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
         array = DiagnosticArray(status=[status])
-        array.header.stamp = self._node.get_clock().now().to_msg()
+        array.header.stamp = now.to_msg()
         self._publisher.publish(array)
 
     def _rates(self) -> dict[str, float]:
