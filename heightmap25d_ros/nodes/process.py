@@ -23,7 +23,7 @@ from heightmap25d_ros.nodes.managed import ManagedNode
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Of maps and plans: reliable, and who comes late gets the last one."""
 
-_LONGEST_WAIT = 0.2  # [s] until a signal is seen where no message comes
+_LONGEST_WAIT = 0.1  # [s] until a signal is seen where no message comes
 
 
 def _made(make_node: Callable[[], Node]) -> Node:
