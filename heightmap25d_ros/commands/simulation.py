@@ -20,6 +20,9 @@ def add_to(commands: Any) -> None:
                          help="ramp, room, rough, street, arch, garage or moving")  # fmt: skip
     command.add_argument("--seed", type=int, default=1, metavar="N",
                          help="of the world's details and of the noise (default: 1)")  # fmt: skip
+    command.add_argument("--drive", type=int, default=0, metavar="N",
+                         help="another way through the same world, with other errors "
+                         "(default: 0, the world's own)")  # fmt: skip
     command.add_argument("-o", "--output", type=Path, required=True, metavar="BAG",
                          help="rosbag2 directory to write, with truth/ in it")  # fmt: skip
     command.add_argument("--scan-rate", type=float, default=37.5, metavar="HZ",
@@ -37,6 +40,7 @@ def _simulate(options: argparse.Namespace) -> Figures:
         options.world,
         options.seed,
         options.output,
+        drive=options.drive,
         scan_rate=options.scan_rate,
         has_nodding=options.nodding,
         noise=recording.noise_of(

@@ -18,7 +18,7 @@ from heightmap25d_ros.simulation.drive import Driver
 from heightmap25d_ros.simulation.lasers import DOWN, LEVEL, NODDING, SCAN_DURATION, Laser
 from heightmap25d_ros.simulation.odometry import EXACT_ODOMETRY
 from heightmap25d_ros.simulation.simulation import NOISE_FREE, Event, Noise, Simulation
-from heightmap25d_ros.simulation.worlds import World
+from heightmap25d_ros.simulation.worlds import World, weaving
 
 BUILDERS = {**outdoor.BUILDERS, **indoor.BUILDERS}
 _REST = 0.4
@@ -40,11 +40,27 @@ def world_of(name: str, seed: int) -> World:
     return BUILDERS[name](np.random.default_rng([seed, len(name)]))
 
 
+def another_drive(world: World, seed: int, drive: int) -> World:
+    """The world with another way through it; drive 0 is the world's own.
+
+    Raises
+    ------
+    InputError
+        For a negative number.
+    """
+    if drive < 0:
+        raise InputError(f"drive {drive}: is negative")
+    if drive == 0:
+        return world
+    return replace(world, way=weaving(world.way, np.random.default_rng([seed, drive])))
+
+
 def simulate(
     name: str,
     seed: int,
     directory: Path,
     *,
+    drive: int = 0,
     scan_rate: float = LEVEL.rate,
     has_nodding: bool = False,
     noise: Noise | None = None,
@@ -59,6 +75,8 @@ def simulate(
         Of the world's details and of the noise.
     directory : Path
         Of the bag; it must not exist.
+    drive : int
+        Others than 0 take another way through the same world, and err in another way.
     scan_rate : float [Hz]
     has_nodding : bool
         Whether there is a third laser, which nods.
@@ -72,12 +90,14 @@ def simulate(
     Raises
     ------
     InputError
-        If the directory exists, or for an unknown world, a negative seed, a rate out of range.
+        If the directory exists, or for an unknown world, a negative seed or drive, a rate out of
+        range.
     """
     if directory.exists():
         raise InputError(f"{directory}: exists already")
-    world, mounted = world_of(name, seed), mounted_lasers(scan_rate, has_nodding=has_nodding)
-    simulation = Simulation(world, seed, noise, mounted)
+    world = another_drive(world_of(name, seed), seed, drive)
+    mounted = mounted_lasers(scan_rate, has_nodding=has_nodding)
+    simulation = Simulation(world, [seed, drive] if drive else seed, noise, mounted)
     surface = truth.Surface(world)
     events = [*simulation.begin(), *_drive(simulation, world, surface)]
     directory.parent.mkdir(parents=True, exist_ok=True)
@@ -87,6 +107,7 @@ def simulate(
         "bag": str(directory),
         "world": name,
         "seed": seed,
+        "drive": drive,
         "duration [s]": round(simulation.seconds, 3),
         "messages": len(events),
     }

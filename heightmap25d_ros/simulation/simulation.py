@@ -63,7 +63,7 @@ class Simulation:
     Parameters
     ----------
     world : World
-    seed : int
+    seed : int or sequence of int
         Of the noise.
     noise : Noise
     mounted : sequence of Laser
@@ -80,7 +80,7 @@ class Simulation:
     def __init__(
         self,
         world: World,
-        seed: int,
+        seed: int | Sequence[int],
         noise: Noise | None = None,
         mounted: Sequence[Laser] = (lasers.LEVEL, lasers.DOWN),
     ) -> None:

@@ -133,3 +133,24 @@ def smooth(way: Array, radius: float = 1.0, corners: int = 6) -> Array:
             result.append((1 - t) ** 2 * enter + 2 * t * (1 - t) * corner + t**2 * leave)
     result.append(way[-1])
     return np.array(result)
+
+
+def weaving(way: Array, rng: np.random.Generator, aside: float = 0.2) -> Array:
+    """Another way along the same one: to its left and right, at random and gently.
+
+    Parameters
+    ----------
+    way : (N, 2) float64 [m]
+    aside : float [m]
+        How far from it at most; nowhere at the start, where the robot stands.
+    """
+    lengths = np.linalg.norm(np.diff(way, axis=0), axis=1)
+    at = np.concatenate([[0.0], np.cumsum(lengths)])
+    along = np.linspace(0.0, at[-1], round(at[-1] / 0.1) + 1)
+    points = np.column_stack([np.interp(along, at, way[:, axis]) for axis in (0, 1)])
+    run = np.gradient(points, axis=0)
+    left = np.column_stack([-run[:, 1], run[:, 0]]) / np.linalg.norm(run, axis=1)[:, None]
+    wavelengths, phases = rng.uniform(4.0, 9.0, 2), rng.uniform(0.0, 2 * np.pi, 2)
+    offset = 0.5 * np.sin(2 * np.pi * along[:, None] / wavelengths + phases).sum(axis=1)
+    offset *= aside * np.clip(along - 0.5, 0.0, 1.0)
+    return np.asarray(points + offset[:, None] * left)
