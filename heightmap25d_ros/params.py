@@ -12,6 +12,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -51,7 +52,7 @@ class _Section:
     __slots__ = ()
 
     def __post_init__(self) -> None:
-        section = type(self).__name__.removesuffix("Params").lower()
+        section = re.sub(r"\B[A-Z]", r"_\g<0>", type(self).__name__.removesuffix("Params")).lower()
         for name, spec, value in specs(self):
             _check(f"{section}.{name}", spec, value)
 
@@ -313,6 +314,122 @@ class PlanningParams(_Section):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ShortTermParams(_Section):
+    """Short-term maps; way counts turning as well, a radian as half a metre."""
+
+    length: float = _parameter(
+        2.0, "way after which a map is given up for the next one", "m", low=0.2, high=100.0
+    )
+    maps: int = _parameter(2, "how many there are at once, of staggered age", low=1, high=10)
+    mature_way: float = _parameter(
+        0.4, "way after which a map is used", "m", low=0.0, high=100.0
+    )
+    mature_time: float = _parameter(
+        5.0, "or time: for a robot that stands", "s", low=0.0, high=600.0
+    )
+    mature_cells: int = _parameter(150, "known cells without which it is not used", low=10)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RegistrationParams(_Section):
+    """A short-term map against the long-term map."""
+
+    method: str = _parameter(
+        "robust", "paper: literal; robust: clipped, z eliminated, below the size of a cell",
+        choices=("robust", "paper"),
+    )  # fmt: skip
+    clip: float = _parameter(
+        0.3, "the most that a difference in height costs", "m", low=0.01, high=10.0
+    )
+    unknown: float = _parameter(
+        1.0, "part of clip that a point over an unknown cell costs", low=0.0, high=1.0
+    )
+    edge_step: float = _parameter(
+        0.15, "cells so much above a neighbour are edges: only their place is compared", "m",
+        low=0.01, high=10.0,
+    )  # fmt: skip
+    search_points: int = _parameter(600, "points that are used for the search", low=50)
+    window_distance: float = _parameter(
+        3.0, "the search goes at most so far from the prior", "m", low=0.1, high=50.0
+    )
+    window_angle: float = _parameter(
+        0.8, "and turns at most so far", "rad", low=0.01, high=3.1416
+    )
+    z_range: float = _parameter(
+        1.0, "errors of z that are looked for, up and down", "m", low=0.05, high=50.0
+    )
+    min_overlap: float = _parameter(
+        0.5, "share of the points over known cells below which it is refused", low=0.0, high=1.0
+    )
+    max_residual: float = _parameter(
+        0.06, "mean cost of a point above which it is refused", "m", low=0.0, high=10.0
+    )
+    max_ratio: float = _parameter(
+        0.85, "score over that of the second-best basin above which it is refused",
+        low=0.0, high=1.0,
+    )  # fmt: skip
+    max_deviation: float = _parameter(
+        4.0, "standard deviations from the prior beyond which it is refused", low=0.5, high=100.0
+    )
+    min_curvature: float = _parameter(
+        0.005, "rise of the score one cell away, per clip, below which a direction is not observed",
+        low=0.0, high=1.0,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LocalizationParams(_Section):
+    """The pose over the long-term map."""
+
+    interval: float = _parameter(
+        0.25, "way from one registration to the next", "m", low=0.05, high=50.0
+    )
+    initial_position: float = _parameter(
+        0.3, "standard deviation of x and y at the start", "m", low=0.01, high=10.0
+    )
+    initial_yaw: float = _parameter(
+        0.1, "standard deviation of the yaw at the start", "rad", low=0.001, high=3.1416
+    )
+    position_drift: float = _parameter(
+        0.05, "standard deviation that a metre of way adds to x and y", "m", low=0.0, high=1.0
+    )
+    yaw_drift: float = _parameter(
+        0.01, "standard deviation that a metre of way adds to the yaw", "rad", low=0.0, high=1.0
+    )
+    max_odom_step: float = _parameter(
+        0.5, "odometry that moves farther between two messages has jumped, the robot has not", "m",
+        low=0.01, high=100.0,
+    )  # fmt: skip
+    confirmations: int = _parameter(
+        2, "registrations in a row that make the state TRACKING", low=1, high=100
+    )
+    degraded_way: float = _parameter(
+        2.0, "way without a registration after which the state is DEGRADED", "m", low=0.1, high=1e4
+    )
+    lost_refusals: int = _parameter(
+        6, "registrations refused in a row after which the state is LOST", low=1, high=1000
+    )
+    relocalize_when_lost: bool = _parameter(
+        True, "whether the whole map is searched when the state is LOST"
+    )
+    correction_speed: float = _parameter(
+        0.2, "the published pose is corrected at most so fast", "m/s", low=0.001, high=100.0
+    )
+    correction_turn: float = _parameter(
+        0.2, "and turned at most so fast", "rad/s", low=0.001, high=100.0
+    )
+    transform_rate: float = _parameter(
+        20.0, "how often map -> odom is published on /tf", "Hz", low=1.0, high=200.0
+    )
+    transform_tolerance: float = _parameter(
+        0.1, "how far that transform is dated ahead", "s", low=0.0, high=10.0
+    )
+    map_directory: str = _parameter(
+        "", "directory of the long-term map; empty: from the topic long_term_grid"
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SimulatorParams(_Section):
     """The simulator node."""
 
@@ -342,6 +459,9 @@ class Params:
     intake: IntakeParams = field(default_factory=IntakeParams)
     mapping: MappingParams = field(default_factory=MappingParams)
     planning: PlanningParams = field(default_factory=PlanningParams)
+    short_term: ShortTermParams = field(default_factory=ShortTermParams)
+    registration: RegistrationParams = field(default_factory=RegistrationParams)
+    localization: LocalizationParams = field(default_factory=LocalizationParams)
     simulator: SimulatorParams = field(default_factory=SimulatorParams)
 
 
@@ -379,7 +499,7 @@ def _check(name: str, spec: Spec, value: Value) -> None:
     if spec.choices and value not in spec.choices:
         raise InputError(f"parameter {name}: {value!r} is not one of {', '.join(spec.choices)}")
     for number in value if isinstance(value, tuple) else (value,):
-        if isinstance(number, float) and not (
+        if isinstance(number, int | float) and not (
             math.isfinite(number) and spec.low <= number <= spec.high
         ):
             raise InputError(f"parameter {name}: {number:g} is not within {spec.range_text}")
