@@ -10,7 +10,14 @@ import os
 import sys
 from collections.abc import Iterator
 
-from heightmap25d_ros.commands import bringup, mapping, maps, planning, simulation
+from heightmap25d_ros.commands import (
+    bringup,
+    localize,
+    mapping,
+    maps,
+    planning,
+    simulation,
+)
 from heightmap25d_ros.commands.command import Figures, NegativeResultError
 from heightmap25d_ros.errors import InputError
 
@@ -49,7 +56,7 @@ def _parser() -> argparse.ArgumentParser:
         "heightmap25d render out/ramp -o out/pictures",
     )
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for family in (mapping, maps, planning, simulation, bringup):
+    for family in (mapping, localize, maps, planning, simulation, bringup):
         family.add_to(commands)
     return parser
 

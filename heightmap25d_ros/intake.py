@@ -84,10 +84,13 @@ class ScanIntake:
     ----------
     dropped : Counter of str
         How many messages were not used, by reason.
+    odometry : Odometry or None
+        The pose of the robot that was taken last.
     """
 
     def __init__(self, params: IntakeParams) -> None:
         self.dropped: Counter[str] = Counter()
+        self.odometry: Odometry | None = None
         self._params = params
         self._wait_limit_ns = round(params.wait_limit * 1e9)
         history = params.wait_limit + HISTORY
@@ -141,6 +144,7 @@ class ScanIntake:
             self._start_over(stamp)
         for topic in self._params.scan_topics:
             self._newest_ns.setdefault(topic, stamp - 1)
+        self.odometry = odometry
         self._odom_frame, self._odom_stamp_ns = frame, stamp
         child = odometry.child_frame_id
         self._odometry.add([Transform(parent=frame, child=child, stamp_ns=stamp, T=odometry.T)])

@@ -5,22 +5,21 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from heightmap25d_ros import messages, sensor
+from heightmap25d_ros import sensor
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid import TILE, Area, HeightGrid, HeightMap
-from heightmap25d_ros.intake import Reading, ScanIntake
+from heightmap25d_ros.intake import Reading
 from heightmap25d_ros.mapper import Mapper
+from heightmap25d_ros.message_intake import MessageIntake
 from heightmap25d_ros.params import Params
 from heightmap25d_ros.traversability import ObstacleGrid, ObstacleMap
 
 _SCRATCH_EXTENT = 32.0  # [m] of a grid that is thrown away
-_Content = TypeVar("_Content")
 
 
 def compile_kernels(params: Params) -> None:
@@ -73,8 +72,8 @@ class Mapping:
         self.merged: Counter[str] = Counter()
         self.stamp_ns = 0
         self._params = params
-        self._intake = ScanIntake(params.intake)
-        self._malformed: Counter[str] = Counter()
+        self._intake = MessageIntake(params)
+        self._is_lost = False
         self._lost: Counter[str] = Counter()
         self.clear()
 
@@ -110,33 +109,29 @@ class Mapping:
     @property
     def dropped(self) -> Counter[str]:
         """How many messages and returns were not used, or not as they came, by reason."""
-        return self._malformed + self._intake.dropped + self._lost
+        return self._intake.dropped + self._lost
 
     def take_scan(self, topic: str, message: Any) -> list[Reading]:
         """Take a sensor_msgs/LaserScan of one of ``intake.scan_topics`` in."""
-        scan = self._content("scan", messages.scan, message)
-        return [] if scan is None else self._merge(self._intake.add_scan(topic, scan))
+        return self._merge(self._intake.take_scan(topic, message))
 
     def take_odometry(self, message: Any) -> list[Reading]:
         """Take a nav_msgs/Odometry in."""
-        odometry = self._content("odometry", messages.odometry, message)
-        return [] if odometry is None else self._merge(self._intake.add_odometry(odometry))
+        return self._merge(self._intake.take_odometry(message))
 
     def take_transforms(self, message: Any, *, is_static: bool) -> list[Reading]:
         """Take a tf2_msgs/TFMessage of /tf or of /tf_static in."""
-        transforms = self._content("transforms", messages.transforms, message)
-        if transforms is None:
-            return []
-        return self._merge(self._intake.add_transforms(transforms, is_static=is_static))
+        return self._merge(self._intake.take_transforms(message, is_static=is_static))
 
     def take_correction(self, message: Any) -> None:
         """Take a geometry_msgs/PoseWithCovarianceStamped in: the pose of odom in the map."""
-        if message.header.frame_id.lstrip("/") != self._params.mapping.map_frame:
-            self._malformed[f"correction: not in {self._params.mapping.map_frame!r}"] += 1
-            return
-        pose = self._content("correction", lambda m: messages.pose(m.pose.pose, "pose"), message)
+        pose = self._intake.take_pose("correction", message)
         if pose is not None:
             self._intake.set_correction(pose)
+
+    def take_localization_status(self, message: Any) -> None:
+        """Take a heightmap25d_msgs/LocalizationStatus in: a lost robot does not map."""
+        self._is_lost = message.state == message.LOST
 
     def settle(self) -> list[Reading]:
         """Merge what has its poses now, without waiting for the other lasers."""
@@ -175,15 +170,10 @@ class Mapping:
         cells = int(np.count_nonzero(tops)) * TILE**2
         return Size(area.columns, area.rows, cells * _BYTES_OF_CELL)
 
-    def _content(self, kind: str, read: Callable[[Any], _Content], message: Any) -> _Content | None:
-        try:
-            return read(message)
-        except InputError as error:
-            field = str(error).partition(":")[0]
-            self._malformed[f"{kind}: bad {field}"] += 1
-            return None
-
     def _merge(self, readings: list[Reading]) -> list[Reading]:
+        if self._is_lost and readings:
+            self._lost["scan: localization is lost"] += len(readings)
+            return []
         for reading in readings:
             result = self._mapper.integrate(
                 sensor.beams(

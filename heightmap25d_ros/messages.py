@@ -218,6 +218,21 @@ def pose(message: Any, field: str) -> se3.Matrix:
     return np.asarray(_matrices([_coordinates(message.position, message.orientation, field)])[0])
 
 
+def planar_covariance(message: Any) -> NDArray[np.float64]:
+    """(3, 3) of x, y [m], yaw [rad] of a geometry_msgs/PoseWithCovarianceStamped.
+
+    Raises
+    ------
+    InputError
+        If it is not finite, or is no covariance: a variance is negative, for instance.
+    """
+    whole = np.asarray(message.pose.covariance, np.float64).reshape(6, 6)
+    covariance = whole[np.ix_((0, 1, 5), (0, 1, 5))]
+    if not np.isfinite(covariance).all() or np.linalg.eigvalsh(covariance)[0] < -1e-9:
+        raise InputError(f"pose.covariance: {covariance.tolist()} is not a covariance")
+    return np.asarray((covariance + covariance.T) / 2)
+
+
 def transforms(message: Any) -> list[Transform]:
     """The sound ones of the transforms of a tf2_msgs/TFMessage.
 

@@ -403,11 +403,14 @@ class LocalizationParams(_Section):
     confirmations: int = _parameter(
         2, "registrations in a row that make the state TRACKING", low=1, high=100
     )
-    degraded_way: float = _parameter(
-        2.0, "way without a registration after which the state is DEGRADED", "m", low=0.1, high=1e4
+    degraded_refusals: int = _parameter(
+        3, "contradictions in a row after which the state is DEGRADED", low=1, high=1000
+    )
+    degraded_deviation: float = _parameter(
+        0.3, "or standard deviation of the position", "m", low=0.01, high=100.0
     )
     lost_refusals: int = _parameter(
-        6, "registrations refused in a row after which the state is LOST", low=1, high=1000
+        10, "contradictions in a row after which the state is LOST", low=1, high=1000
     )
     relocalize_when_lost: bool = _parameter(
         True, "whether the whole map is searched when the state is LOST"

@@ -115,9 +115,9 @@ def register(
     params : RegistrationParams
     """
     if len(points.xyz) < MIN_POINTS:
-        return _nothing(Reason.FEW_POINTS, len(points.xyz))
+        return nothing(Reason.FEW_POINTS, len(points.xyz))
     cost = Cost(params.clip, params.unknown, params.z_range)
-    scale = _scale(points, surface)
+    scale = scale_of(points, surface)
     few = points.some(search_points(points, params.search_points))
     window = _window(prior, scale, params)
     precision = np.linalg.inv(prior)
@@ -193,14 +193,14 @@ def curvature(
     return values, directions
 
 
-def _nothing(reason: Reason, points: int) -> Registration:
+def nothing(reason: Reason, points: int) -> Registration:
     return Registration(
         reason=reason, offset=np.zeros(3), z=0.0, information=np.zeros((3, 3)), overlap=0.0,
         residual=0.0, ratio=0.0, points=points,
     )  # fmt: skip
 
 
-def _scale(points: Points, surface: Surface) -> Array:
+def scale_of(points: Points, surface: Surface) -> Array:
     """(3,) [m, m, rad] that move the points by about a cell."""
     radius = np.sqrt(np.average((points.xyz[:, :2] ** 2).sum(axis=1), weights=points.weight))
     cell = surface.resolution

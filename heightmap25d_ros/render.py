@@ -51,6 +51,13 @@ def height_map(path: Path, shown: HeightMap, trajectory: Trajectory | None = Non
     trajectory : (N, 3) float64 [m], map
         Drawn over it.
     """
+    figure, axes = heights_from_above(shown)
+    _draw_trajectory(axes, trajectory)
+    save(figure, path)
+
+
+def heights_from_above(shown: HeightMap) -> tuple[Figure, Axes]:
+    """A figure of the heights from above, in metres, to draw more into."""
     shown = observed_part(shown)
     metres = np.where(shown.known, shown.height * HEIGHT_RESOLUTION, np.nan)
     figure, axes = map_axes(shown.geometry)
@@ -61,8 +68,7 @@ def height_map(path: Path, shown: HeightMap, trajectory: Trajectory | None = Non
     )  # fmt: skip
     side = make_axes_locatable(axes).append_axes("right", size=0.14, pad=0.1)
     figure.colorbar(image, cax=side, label="height [m]")
-    _draw_trajectory(axes, trajectory)
-    save(figure, path)
+    return figure, axes
 
 
 def obstacle_map(path: Path, shown: ObstacleMap, trajectory: Trajectory | None = None) -> None:

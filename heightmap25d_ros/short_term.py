@@ -8,7 +8,7 @@ next one is mature already, and drift within one of them stays small.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
@@ -87,9 +87,20 @@ class ShortTermMap:
             geometry.resolution, self._tolerance, self._newest,
         )  # fmt: skip
 
-    def height_map(self) -> tuple[HeightMap, NDArray[np.float64]]:
-        """The map, and the position (3,) [m] in odom of its middle."""
-        return self._grid.read(self._threshold), self._start
+    def height_map(self) -> HeightMap:
+        """The map in odom: cells of its own, heights above the odometry's ground zero."""
+        height_map = self._grid.read(self._threshold)
+        x, y, z = self._start
+        geometry = height_map.geometry
+        origin = (geometry.origin[0] + float(x), geometry.origin[1] + float(y))
+        shift = np.int16(round(z / HEIGHT_RESOLUTION))
+        return replace(
+            height_map,
+            geometry=replace(geometry, origin=origin),
+            height=np.where(height_map.probability > 0, height_map.height + shift, 0).astype(
+                np.int16
+            ),
+        )
 
     def seen(self, way: float) -> Seen:
         """Its known cells, as seen at a way [m] of the robot."""

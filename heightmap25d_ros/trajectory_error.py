@@ -22,8 +22,8 @@ class TrajectoryError:
         Estimated ones that the true trajectory covers.
     ate_rmse, ate_max : float [m]
         Absolute trajectory error: distance in x, y and z to the true position.
-    final_position : float [m]
-        Distance in x and y at the end.
+    final_position, planar_rmse, planar_max : float [m]
+        Distance in x and y: at the end, and along the way.
     final_yaw, yaw_rmse : float [deg]
     z_rmse : float [m]
     """
@@ -32,6 +32,8 @@ class TrajectoryError:
     ate_rmse: float
     ate_max: float
     final_position: float
+    planar_rmse: float
+    planar_max: float
     final_yaw: float
     yaw_rmse: float
     z_rmse: float
@@ -62,19 +64,27 @@ def evaluate_trajectory(
         return None
     poses = poses[covered]
     truth = se3.interpolate(true_stamps_ns, true_poses, stamps_ns[covered])
-    offset = poses[:, :3, 3] - truth[:, :3, 3]
-    distance = np.linalg.norm(offset, axis=1)
-    yaw = se3.to_xyz_rpy(poses)[:, 5] - se3.to_xyz_rpy(truth)[:, 5]
-    yaw = np.degrees((yaw + np.pi) % (2 * np.pi) - np.pi)
+    distance = np.linalg.norm(poses[:, :3, 3] - truth[:, :3, 3], axis=1)
+    planar, z, yaw = planar_errors(poses, truth).T
     return TrajectoryError(
         poses=len(poses),
         ate_rmse=_rms(distance),
         ate_max=float(distance.max()),
-        final_position=float(np.hypot(*offset[-1, :2])),
+        final_position=float(planar[-1]),
+        planar_rmse=_rms(planar),
+        planar_max=float(planar.max()),
         final_yaw=float(abs(yaw[-1])),
         yaw_rmse=_rms(yaw),
-        z_rmse=_rms(offset[:, 2]),
+        z_rmse=_rms(z),
     )
+
+
+def planar_errors(poses: se3.Matrix, truth: se3.Matrix) -> NDArray[np.float64]:
+    """(N, 3): distance in x and y [m], error of z [m], error of the yaw [deg], each pose's."""
+    offset = poses[:, :3, 3] - truth[:, :3, 3]
+    yaw = se3.to_xyz_rpy(poses)[:, 5] - se3.to_xyz_rpy(truth)[:, 5]
+    yaw = np.degrees((yaw + np.pi) % (2 * np.pi) - np.pi)
+    return np.column_stack([np.hypot(offset[:, 0], offset[:, 1]), offset[:, 2], yaw])
 
 
 def _rms(values: NDArray[np.float64]) -> float:

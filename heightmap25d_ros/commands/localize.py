@@ -1,0 +1,201 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""``heightmap25d localize``: the drifting pose of a bag is held to a map."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import time
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heightmap25d_ros import (
+    localization_pictures,
+    map_io,
+    matching,
+    messages,
+    se3,
+    trajectory_error,
+)
+from heightmap25d_ros.bag import ODOMETRY, Bag
+from heightmap25d_ros.commands.command import Figures, add_command, read_params
+from heightmap25d_ros.commands.replaying import add_topics, reasons, replayed, with_scan_topics
+from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.grid import HeightMap
+from heightmap25d_ros.localization import Localizer, compile_kernels
+from heightmap25d_ros.params import Params
+from heightmap25d_ros.tracking import Attempt
+from heightmap25d_ros.trajectory_error import TrajectoryError
+
+Array = NDArray[np.float64]
+Trajectory = list[tuple[int, se3.Matrix]]
+
+GROUND_TRUTH = "/ground_truth"
+REGISTRATIONS = "registrations.csv"
+_COLUMNS = (
+    "t", "kind", "reason", "state", "x", "y", "z", "yaw", "position_deviation", "yaw_deviation",
+    "overlap", "residual", "ratio", "points",
+)  # fmt: skip
+
+
+def add_to(commands: Any) -> None:
+    """Add ``localize``."""
+    command = add_command(commands, "localize", _localize, "the pose of a bag, held to a map")
+    command.add_argument("bag", type=Path, metavar="BAG", help="rosbag2 directory, or a file of it")
+    command.add_argument("--map", type=Path, required=True, metavar="DIR",
+                         help="map directory of the long-term map")  # fmt: skip
+    command.add_argument("-o", "--output", type=Path, required=True, metavar="DIR",
+                         help="directory for trajectory.tum, registrations.csv, pictures")  # fmt: skip
+    command.add_argument("--initial", type=_pose, metavar="X,Y,Z,YAW",
+                         help="where the robot is at the first odometry [m, rad] (default: odom "
+                         "and map are the same)")  # fmt: skip
+    add_topics(command)
+
+
+def _pose(text: str) -> Array:
+    numbers = np.array([float(part) for part in text.split(",")])
+    if len(numbers) != 4 or not np.isfinite(numbers).all():
+        raise argparse.ArgumentTypeError(f"{text} is not x,y,z,yaw")
+    return numbers
+
+
+def _localize(options: argparse.Namespace) -> Figures:
+    """Localize a bag's drive in a map by its scans and odometry; the same bag, the same bytes.
+
+    Writes trajectory.tum (base in map), registrations.csv (x, y, z, yaw: what the pose was found
+    to be off [m, rad]) and pictures; with /ground_truth in the bag, the error as well.
+    """
+    with Bag(options.bag) as bag:
+        settings = with_scan_topics(read_params(options), bag, options.scan_topic)
+        odom_topic = options.odom_topic or bag.odometry_topic()
+        bag.require(odom_topic, ODOMETRY)
+        long_term = _long_term(options.map, settings)
+        compile_kernels(settings)  # not what is timed below
+        localizer = Localizer(settings)
+        localizer.set_long_term(long_term)
+        if options.initial is not None:
+            localizer.begin_at(options.initial)
+        attempts: list[Attempt] = []
+        corrected: Trajectory = []
+        odometry: Trajectory = []
+        began = time.perf_counter()
+        for step in replayed(bag, localizer, odom_topic):
+            attempts += step.outcomes
+            pose = localizer.pose
+            if step.topic == odom_topic and pose is not None:
+                corrected.append((pose.stamp_ns, pose.T_map_base))
+                odometry.append((pose.stamp_ns, se3.inverse(pose.T_map_odom) @ pose.T_map_base))
+        seconds = time.perf_counter() - began
+        truth = _truth(bag, settings)
+        duration = bag.duration
+    if not attempts:
+        raise InputError(f"{options.bag}: nothing to register; {reasons(localizer.dropped)}")
+    T_map_odom = corrected[0][1] @ se3.inverse(odometry[0][1])
+    odometry = [(stamp, T_map_odom @ T) for stamp, T in odometry]
+    options.output.mkdir(parents=True, exist_ok=True)
+    map_io.write_tum(options.output / map_io.TRAJECTORY, corrected)
+    _write_attempts(options.output / REGISTRATIONS, attempts)
+    _draw(options.output, long_term, settings, attempts, (corrected, odometry, truth))
+    return {
+        "bag": str(options.bag),
+        "output": str(options.output),
+        "registrations": len(attempts),
+        "outcomes": _counted(f"{a.kind.value}: {a.registration.reason.value}" for a in attempts),
+        "state": attempts[-1].state.name,
+        "dropped": dict(localizer.dropped),
+        **_errors(corrected, odometry, truth),
+        "seconds": round(seconds, 3),
+        "x real time": round(duration / seconds, 1),
+    }
+
+
+def _long_term(directory: Path, settings: Params) -> HeightMap:
+    loaded = map_io.load(directory, settings.mapper.probability_threshold)
+    if loaded.frame_id != settings.mapping.map_frame:
+        raise InputError(
+            f"{directory}: frame_id is {loaded.frame_id!r}, not {settings.mapping.map_frame!r}"
+        )
+    return loaded.height_map
+
+
+def _truth(bag: Bag, settings: Params) -> Trajectory:
+    """The true poses in the map, if the bag has them."""
+    if GROUND_TRUTH not in bag.topics_of(ODOMETRY):
+        return []
+    poses = [messages.odometry(event.message) for event in bag.events([GROUND_TRUTH])]
+    return [(p.stamp_ns, p.T) for p in poses if p.frame_id == settings.mapping.map_frame]
+
+
+def _counted(names: Any) -> dict[str, int]:
+    return dict(Counter(names).most_common())
+
+
+def _write_attempts(path: Path, attempts: Sequence[Attempt]) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(_COLUMNS)
+        for attempt in attempts:
+            found = attempt.registration
+            x, y, yaw = found.offset
+            numbers = (
+                x, y, found.z, yaw, *attempt.deviation, found.overlap, found.residual, found.ratio
+            )  # fmt: skip
+            writer.writerow((
+                f"{attempt.stamp_ns // 10**9}.{attempt.stamp_ns % 10**9:09d}",
+                attempt.kind.value, found.reason.value, attempt.state.name,
+                *(f"{number:.6f}" for number in numbers), found.points,
+            ))  # fmt: skip
+
+
+def _arrays(trajectory: Trajectory) -> tuple[NDArray[np.int64], se3.Matrix]:
+    stamps = np.array([stamp for stamp, _ in trajectory], np.int64)
+    return stamps, np.array([T for _, T in trajectory]).reshape(-1, 4, 4)
+
+
+def _errors(corrected: Trajectory, odometry: Trajectory, truth: Trajectory) -> Figures:
+    if not truth:
+        return {}
+    results: dict[str, TrajectoryError | None] = {
+        name: trajectory_error.evaluate_trajectory(*_arrays(trajectory), *_arrays(truth))
+        for name, trajectory in (("corrected", corrected), ("odometry alone", odometry))
+    }
+    return {name: error.as_dict() for name, error in results.items() if error is not None}
+
+
+def _draw(
+    directory: Path,
+    long_term: HeightMap,
+    settings: Params,
+    attempts: Sequence[Attempt],
+    ways: tuple[Trajectory, Trajectory, Trajectory],
+) -> None:
+    (stamps, corrected), (_, odometry), (true_stamps, truth) = map(_arrays, ways)
+    localization_pictures.trajectories(
+        directory / "trajectories.png", long_term, corrected[:, :3, 3], odometry[:, :3, 3],
+        truth[:, :3, 3] if len(truth) else None,
+    )  # fmt: skip
+    accepted = [a for a in attempts if a.registration.is_accepted] or list(attempts)
+    surface = matching.surface_of(long_term, settings.registration.edge_step)
+    localization_pictures.score_surface(
+        directory / "score.png", accepted[len(accepted) // 2], surface, settings.registration
+    )
+    if not len(truth):
+        return
+    covered = (stamps >= true_stamps[0]) & (stamps <= true_stamps[-1])
+    if not covered.any():
+        return
+    true = se3.interpolate(true_stamps, truth, stamps[covered])
+    refused = [a.stamp_ns for a in attempts if not a.registration.is_accepted]
+    localization_pictures.errors(
+        directory / "errors.png",
+        (stamps[covered] - stamps[0]) * 1e-9,
+        trajectory_error.planar_errors(corrected[covered], true),
+        trajectory_error.planar_errors(odometry[covered], true),
+        (np.array(refused) - stamps[0]) * 1e-9,
+    )

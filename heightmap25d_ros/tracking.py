@@ -1,0 +1,213 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Continuous localization: short-term maps are registered as the robot drives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heightmap25d_ros import se3
+from heightmap25d_ros.health import Health, State
+from heightmap25d_ros.matching import Points, Surface
+from heightmap25d_ros.params import Params
+from heightmap25d_ros.pose_filter import PoseFilter, moved
+from heightmap25d_ros.registration import Registration, points_of, register
+from heightmap25d_ros.relocalization import relocalize
+from heightmap25d_ros.sensor import Beams
+from heightmap25d_ros.short_term import ShortTermMap, ShortTermMaps, way_between
+
+Array = NDArray[np.float64]
+_Pivot = tuple[float, float]
+
+_PLACE_COVARIANCE = np.diag([0.15**2, 0.15**2, 0.03**2])  # of what is found in the whole map
+_SEARCH_WAY = 1.0  # [m] from one search of the whole map to the next
+
+
+class Kind(Enum):
+    """What was tried with a short-term map."""
+
+    TRACKING = "tracking"
+    SEARCH = "search"
+    CONFIRMATION = "confirmation"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Attempt:
+    """One try to register, and what came of it.
+
+    Attributes
+    ----------
+    stamp_ns : int [ns]
+    kind : Kind
+    registration : Registration
+        Of a search: as seen from the pose before.
+    state : State
+        After it.
+    T_map_base : (4, 4) float64
+        Estimate after it.
+    deviation : (2,) float [m], [rad]
+        Standard deviations of position and yaw after it.
+    points : Points
+    pivot : (2,) float [m], map
+        What was registered, as seen from the prior.
+    """
+
+    stamp_ns: int
+    kind: Kind
+    registration: Registration
+    state: State
+    T_map_base: se3.Matrix
+    deviation: tuple[float, float]
+    points: Points
+    pivot: tuple[float, float]
+
+
+class Tracker:
+    """The estimate of the pose over the long-term map.
+
+    Parameters
+    ----------
+    params : Params
+    T_map_odom : (4, 4) float64
+    covariance : (3, 3) float64
+        Of x, y [m], yaw [rad] of the robot.
+
+    Attributes
+    ----------
+    surface : Surface or None
+        The long-term map.
+    estimate : PoseFilter
+    health : Health
+    jumps : int
+        How often the estimate was replaced, not corrected.
+    """
+
+    def __init__(self, params: Params, T_map_odom: se3.Matrix, covariance: Array) -> None:
+        self.surface: Surface | None = None
+        self.health = Health(params.localization)
+        self.jumps = 0
+        self._params = params
+        self._short_term = ShortTermMaps(params)
+        self._T_odom_base: se3.Matrix | None = None
+        self.set_pose(T_map_odom, covariance)
+
+    def set_pose(self, T_map_odom: se3.Matrix, covariance: Array) -> None:
+        """The robot is somewhere else than was thought."""
+        self.estimate = PoseFilter(self._params.localization, T_map_odom, covariance)
+        self.health.begin()
+        self.jumps += 1
+        self._candidate: PoseFilter | None = None
+        self._confirmed = 0
+        self._is_search_wanted = False
+        self._tried_way = self._searched_way = -np.inf
+
+    def forget(self) -> None:
+        """What was seen so far does not go with what will be seen: odometry has jumped."""
+        self._short_term.clear()
+        self._T_odom_base = None
+        self._candidate = None
+
+    def request_search(self) -> None:
+        """Search the whole map as soon as there is something to search with."""
+        self._is_search_wanted = True
+        self._searched_way = -np.inf
+
+    def short_term_map(self) -> ShortTermMap | None:
+        """The one that is registered next, if it is mature."""
+        return self._short_term.mature()
+
+    def take(self, beams: Beams, T_odom_base: se3.Matrix, stamp_ns: int) -> Attempt | None:
+        """Take the beams of a scan in, in odom, with the pose (4, 4) of the robot."""
+        if self._T_odom_base is not None:
+            way = way_between(self._T_odom_base, T_odom_base)
+            for estimate in filter(None, (self.estimate, self._candidate)):
+                estimate.predict(self._T_odom_base, T_odom_base, way)
+        self._T_odom_base = T_odom_base
+        self._short_term.integrate(beams, T_odom_base, stamp_ns)
+        way = self._short_term.way
+        is_due = way - self._tried_way >= self._params.localization.interval
+        if self.surface is None or not (is_due or self._is_search_due()):
+            return None
+        short_term_map = self._short_term.mature()
+        if short_term_map is None:
+            return None
+        seen = short_term_map.seen(way)
+        prior = self._candidate or self.estimate
+        points, pivot = points_of(seen, prior.T_map_odom, T_odom_base)
+        if self._candidate is not None:
+            kind, found = Kind.CONFIRMATION, self._confirm(self._candidate, points, pivot)
+        elif self._is_search_due():
+            kind, found = Kind.SEARCH, self._search(points, pivot)
+        else:
+            kind, found = Kind.TRACKING, self._track(points, pivot)
+        self._tried_way = way
+        return Attempt(
+            stamp_ns=stamp_ns,
+            kind=kind,
+            registration=found,
+            state=self.health.state,
+            T_map_base=self.estimate.T_map_odom @ T_odom_base,
+            deviation=self.estimate.deviation,
+            points=points,
+            pivot=pivot,
+        )
+
+    def _is_search_due(self) -> bool:
+        is_lost = self.health.state is State.LOST
+        is_wanted = self._is_search_wanted or (
+            is_lost and self._params.localization.relocalize_when_lost
+        )
+        return is_wanted and self._short_term.way - self._searched_way >= _SEARCH_WAY
+
+    def _register(self, estimate: PoseFilter, points: Points, pivot: _Pivot) -> Registration:
+        found = register(
+            points, pivot, self._surface, estimate.covariance, self._params.registration
+        )
+        if found.is_accepted:
+            estimate.correct(found, self._pose)
+        return found
+
+    def _track(self, points: Points, pivot: _Pivot) -> Registration:
+        found = self._register(self.estimate, points, pivot)
+        self.health.update(found, self.estimate.deviation[0])
+        return found
+
+    def _search(self, points: Points, pivot: _Pivot) -> Registration:
+        """Look for a candidate in the whole map; the estimate stays."""
+        self._searched_way = self._short_term.way
+        T_map_odom = self.estimate.T_map_odom
+        found = relocalize(points, pivot, self._surface, self._params.registration)
+        if found.is_accepted:
+            x, y, yaw = found.offset
+            turn = moved(T_map_odom @ self._pose, (x, y, found.z), yaw)
+            self._candidate = PoseFilter(
+                self._params.localization, turn @ T_map_odom, _PLACE_COVARIANCE
+            )
+            self._confirmed = 0
+        return found
+
+    def _confirm(self, candidate: PoseFilter, points: Points, pivot: _Pivot) -> Registration:
+        """Hold a candidate against what was seen since; take it or drop it."""
+        found = self._register(candidate, points, pivot)
+        if not found.is_accepted:
+            self._candidate = None
+            return found
+        self._confirmed += 1
+        if self._confirmed >= self._params.localization.confirmations:
+            self.set_pose(candidate.T_map_odom, candidate.covariance)
+            self.health.begin(is_confirmed=True)
+        return found
+
+    @property
+    def _pose(self) -> se3.Matrix:
+        assert self._T_odom_base is not None
+        return self._T_odom_base
+
+    @property
+    def _surface(self) -> Surface:
+        assert self.surface is not None
+        return self.surface
