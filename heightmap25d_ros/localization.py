@@ -172,8 +172,7 @@ class Localizer:
         if self._waiting_pose is not None:
             self._set_pose(*self._waiting_pose)
         attempts = self._track(readings)
-        if before is not None:
-            self._follow(before, odometry)
+        self._follow(before or odometry, odometry)
         return attempts
 
     def take_initial_pose(self, message: Any) -> None:

@@ -101,12 +101,15 @@ class Match(NamedTuple):
     z : float [m]
         To be added to the points' heights.
     overlap : float
-        Share of the points that lie over known cells.
+        Share of the points, by their weight, that lie over known cells.
+    residual : float [m]
+        The mean of what these cost.
     """
 
     score: float
     z: float
     overlap: float
+    residual: float
 
 
 def surface_of(height_map: HeightMap, edge_step: float) -> Surface:
@@ -240,7 +243,7 @@ def _cost_of(height, is_edge, top, is_edge_too, clip, unknown):
 
 @_kernel
 def _eliminated(columns, rows, points, surface, cost, counts):
-    """Error of z over cells (N,), and how many of them are known.
+    """Error of z over cells (N,).
 
     Edges are left out, unless there is hardly anything else.
     """
@@ -248,47 +251,49 @@ def _eliminated(columns, rows, points, surface, cost, counts):
     per_bin = _BINS / (2 * cost.z_range)
     for with_edges in range(2):
         counts[:] = 0
-        known = counted = 0
+        counted = 0
         for i in range(len(rows)):
             iy, ix = rows[i], columns[i]
             difference = _height_at(heights, iy, ix) - points.xyz[i, 2]
             if difference != difference:
                 continue
-            known += 1
             k = int(np.floor((difference + cost.z_range) * per_bin))
             if 0 <= k < _BINS and (with_edges or not (points.is_edge[i] or is_edge[iy, ix])):
                 counts[k] += 1
                 counted += 1
         if 10 * counted >= len(rows):
             break
-    return (_median(counts, counted, cost.z_range) if counted else 0.0), known
+    return _median(counts, counted, cost.z_range) if counted else 0.0
 
 
 @_kernel
 def _match(points, x, y, yaw, surface, pivot, cost, counts):
     """`Match` of a hypothesis."""
     heights, is_edge = surface.heights, surface.is_edge
-    count = len(points.xyz)
     u, v = _placed(points, yaw, surface, pivot)
     u += x / surface.resolution
     v += y / surface.resolution
     columns, rows = np.floor(u).astype(np.int64), np.floor(v).astype(np.int64)
-    z, known = _eliminated(columns, rows, points, surface, cost, counts)
-    total = weights = 0.0
-    for i in range(count):
+    z = _eliminated(columns, rows, points, surface, cost, counts)
+    over_known = known = weights = 0.0
+    for i in range(len(points.xyz)):
         ix, iy = int(np.floor(u[i] - 0.5)), int(np.floor(v[i] - 0.5))
         a, b = u[i] - 0.5 - ix, v[i] - 0.5 - iy
         top = points.xyz[i, 2] + z
+        weights += points.weight[i]
         for oy in range(2):
             for ox in range(2):
                 height = _height_at(heights, iy + oy, ix + ox)
-                edge = height == height and is_edge[iy + oy, ix + ox]
-                share = (a if ox else 1.0 - a) * (b if oy else 1.0 - b) * points.weight[i]
-                total += share * _cost_of(
-                    height, edge, top, points.is_edge[i], cost.clip, cost.unknown
-                )
-        weights += points.weight[i]
-    return total / max(weights, 1e-12), z, known / max(count, 1)
+                if height == height:
+                    edge = is_edge[iy + oy, ix + ox]
+                    share = (a if ox else 1.0 - a) * (b if oy else 1.0 - b) * points.weight[i]
+                    known += share
+                    over_known += share * _cost_of(
+                        height, edge, top, points.is_edge[i], cost.clip, cost.unknown
+                    )
+    total = over_known + (weights - known) * cost.unknown * cost.clip
+    weights = max(weights, 1e-12)
+    return total / weights, z, known / weights, over_known / max(known, 1e-12)
 
 
 @_kernel
@@ -313,7 +318,7 @@ def _search(points, xs, ys, yaws, surface, pivot, cost, scores):
         rows += ys[0]
         for j in range(len(ys)):
             for i in range(len(xs)):
-                z, _ = _eliminated(columns, rows, points, surface, cost, counts)
+                z = _eliminated(columns, rows, points, surface, cost, counts)
                 total = 0.0
                 for k in range(len(rows)):
                     iy, ix = rows[k], columns[k]

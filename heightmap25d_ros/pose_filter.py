@@ -18,6 +18,8 @@ from heightmap25d_ros.registration import Registration
 
 Array = NDArray[np.float64]
 
+_DOUBT = 2.0  # by which the covariance grows
+
 
 class PoseFilter:
     """The estimate.
@@ -62,6 +64,11 @@ class PoseFilter:
             moved(self.T_map_odom @ T_odom_base, (x, y, registration.z), yaw)
             @ self.T_map_odom
         )
+
+
+    def doubt(self) -> None:
+        """A registration disagreed by far: the odometry was worse than it was taken for."""
+        self.covariance = _DOUBT * self.covariance
 
 
 def moved(T_map_base: se3.Matrix, shift: tuple[float, float, float], yaw: float) -> se3.Matrix:

@@ -63,9 +63,9 @@ class Registration:
     overlap : float
         Share of the points over known cells.
     residual : float [m]
-        Mean cost of a point.
+        Mean cost of these.
     ratio : float
-        Residual over that of the second-best basin; 0 where there is none.
+        Score over that of the second-best basin; 0 where there is none.
     points : int
     """
 
@@ -147,7 +147,7 @@ def register(
         z=found.z,
         information=information,
         overlap=found.overlap,
-        residual=found.score,
+        residual=found.residual,
         ratio=ratio,
         points=len(points.xyz),
     )
@@ -275,7 +275,7 @@ def _reason(
 ) -> Reason:
     if found.overlap < params.min_overlap:
         return Reason.LITTLE_OVERLAP
-    if found.score > params.max_residual:
+    if found.residual > params.max_residual:
         return Reason.HIGH_RESIDUAL
     if observed == 0:
         return Reason.UNOBSERVED

@@ -75,13 +75,13 @@ def relocalize(
     reason = Reason.ACCEPTED
     if found.overlap < params.min_overlap:
         reason = Reason.LITTLE_OVERLAP
-    elif found.score > params.max_residual:
+    elif found.residual > params.max_residual:
         reason = Reason.HIGH_RESIDUAL
     elif ratio > params.max_ratio:
         reason = Reason.AMBIGUOUS
     return Registration(
         reason=reason, offset=bottoms[best], z=found.z, information=np.zeros((3, 3)),
-        overlap=found.overlap, residual=found.score, ratio=ratio, points=len(points.xyz),
+        overlap=found.overlap, residual=found.residual, ratio=ratio, points=len(points.xyz),
     )  # fmt: skip
 
 

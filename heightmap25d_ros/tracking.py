@@ -15,7 +15,7 @@ from heightmap25d_ros.health import Health, State
 from heightmap25d_ros.matching import Points, Surface
 from heightmap25d_ros.params import Params
 from heightmap25d_ros.pose_filter import PoseFilter, moved
-from heightmap25d_ros.registration import Registration, points_of, register
+from heightmap25d_ros.registration import Reason, Registration, points_of, register
 from heightmap25d_ros.relocalization import relocalize
 from heightmap25d_ros.sensor import Beams
 from heightmap25d_ros.short_term import ShortTermMap, ShortTermMaps, way_between
@@ -169,6 +169,8 @@ class Tracker:
         )
         if found.is_accepted:
             estimate.correct(found, self._pose)
+        elif found.reason is Reason.FAR_FROM_PRIOR:
+            estimate.doubt()
         return found
 
     def _track(self, points: Points, pivot: _Pivot) -> Registration:
