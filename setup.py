@@ -40,6 +40,7 @@ setup(
     entry_points={
         "console_scripts": [
             "heightmap25d = heightmap25d_ros.cli:main",
+            "localization = heightmap25d_ros.nodes.localization:main",
             "mapping = heightmap25d_ros.nodes.mapping:main",
             "planning = heightmap25d_ros.nodes.planning:main",
             "replay = heightmap25d_ros.nodes.replay:main",

@@ -58,8 +58,7 @@ class Health:
         if self._contradicted >= params.lost_refusals:
             self.state = State.LOST
         elif (
-            self._contradicted >= params.degraded_refusals
-            or deviation > params.degraded_deviation
+            self._contradicted >= params.degraded_refusals or deviation > params.degraded_deviation
         ):
             self.state = State.DEGRADED
         elif self._accepted >= params.confirmations:

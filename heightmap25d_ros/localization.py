@@ -32,7 +32,9 @@ _AROUND = 2  # [cells] around a place that tell the height of the ground there
 
 def compile_kernels(params: Params) -> None:
     """Compile, or load from numba's cache, all that the first registration needs."""
-    surface = matching.Surface(np.zeros((4, 4), np.float32), np.zeros((4, 4), bool), (0.0, 0.0), 1.0)
+    surface = matching.Surface(
+        np.zeros((4, 4), np.float32), np.zeros((4, 4), bool), (0.0, 0.0), 1.0
+    )
     count = registration.MIN_POINTS
     points = matching.Points(np.zeros((count, 3)), np.zeros(count, bool), np.ones(count))
     registration.register(points, (2.0, 2.0), surface, 1e-4 * np.eye(3), params.registration)
@@ -72,14 +74,9 @@ class Localizer:
     Parameters
     ----------
     params : Params
-
-    Attributes
-    ----------
-    last : Attempt or None
     """
 
     def __init__(self, params: Params) -> None:
-        self.last: Attempt | None = None
         self._params = params
         self._intake = MessageIntake(params)
         self._ignored: Counter[str] = Counter()
@@ -117,6 +114,11 @@ class Localizer:
         return self._tracker.health.state
 
     @property
+    def stamp_ns(self) -> int:
+        """Of the newest odometry [ns]; 0 before the first."""
+        return 0 if self._odometry is None else self._odometry.stamp_ns
+
+    @property
     def pose(self) -> Pose | None:
         """Where the robot is; None before the first odometry."""
         if self._odometry is None:
@@ -143,9 +145,12 @@ class Localizer:
         """Where the robot is at the first odometry: x, y, z [m], yaw [rad] in the map."""
         self._said = self._waiting_pose = (xyz_yaw, self._initial_covariance)
 
-    def request_search(self) -> None:
-        """Search the whole map for the robot."""
+    def request_search(self) -> bool:
+        """Search the whole map for the robot; whether there is one."""
+        if self._surface is None:
+            return False
         self._tracker.request_search()
+        return True
 
     def take_scan(self, topic: str, message: Any) -> list[Attempt]:
         """Take a sensor_msgs/LaserScan of one of ``intake.scan_topics`` in."""
@@ -259,7 +264,6 @@ class Localizer:
             )
             attempt = self._tracker.take(beams, reading.T_map_base[-1], reading.scan.stamp_ns)
             if attempt is not None:
-                self.last = attempt
                 attempts.append(attempt)
         return attempts
 

@@ -149,6 +149,20 @@ def load(directory: Path, probability_threshold: float) -> LoadedMap:
     return _checked(path, fields, probability_threshold)
 
 
+def load_in(directory: Path, probability_threshold: float, frame_id: str) -> HeightMap:
+    """The height map of a map directory that must be in a frame.
+
+    Raises
+    ------
+    InputError
+        If it is in another one; and for what `load` refuses.
+    """
+    loaded = load(directory, probability_threshold)
+    if loaded.frame_id != frame_id:
+        raise InputError(f"{directory}: frame_id is {loaded.frame_id!r}, not {frame_id!r}")
+    return loaded.height_map
+
+
 def digest(directory: Path) -> str:
     """SHA-256 of ``height_grid.npz``: the same map gives the same."""
     return hashlib.sha256((directory / HEIGHT_GRID).read_bytes()).hexdigest()

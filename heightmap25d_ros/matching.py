@@ -19,7 +19,7 @@ this one without clip, edges, unknown cells, elimination of z and mean.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -130,7 +130,7 @@ def edges(heights: NDArray[np.float32], step: float) -> NDArray[np.bool_]:
         if dy == 1 or dx == 1:
             is_edge |= np.isnan(neighbour)
         is_edge |= heights - neighbour > step
-    return is_edge & ~np.isnan(heights)
+    return np.asarray(is_edge & ~np.isnan(heights))
 
 
 def coarser(surface: Surface) -> Surface:
@@ -166,12 +166,13 @@ def match(
     pivot : (2,) float [m], map
     cost : Cost
     """  # noqa: D205 - the first sentence takes two lines
-    return Match(*_match(points, *hypothesis, surface, pivot, cost, np.zeros(_BINS, np.int64)))
+    x, y, yaw = hypothesis
+    return Match(*_match(points, x, y, yaw, surface, pivot, cost, np.zeros(_BINS, np.int64)))
 
 
 def search(
     points: Points,
-    window: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]],
+    window: tuple[NDArray[Any], NDArray[Any], NDArray[np.float64]],
     surface: Surface,
     pivot: tuple[float, float],
     cost: Cost,

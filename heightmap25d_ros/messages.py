@@ -302,7 +302,7 @@ def fill_occupancy_grid(
     """
     if occupancy.shape != geometry.shape or occupancy.dtype != np.int8:
         raise ValueError(f"{occupancy.dtype} {occupancy.shape} does not go with {geometry}")
-    _fill_header(message.header, stamp, frame_id)
+    fill_header(message.header, stamp, frame_id)
     _fill_info(message.info, geometry, stamp)
     message.data = _array("b", occupancy)
 
@@ -314,7 +314,7 @@ def fill_height_grid(message: Any, height_map: HeightMap, stamp: int, frame_id: 
     the published threshold lies half-way between two bytes (0.5 stays 0.5), known cells are
     rounded to the upper side of it or above, other observed cells to the lower side.
     """
-    _fill_header(message.header, stamp, frame_id)
+    fill_header(message.header, stamp, frame_id)
     _fill_info(message.info, height_map.geometry, stamp)
     message.height_resolution = HEIGHT_RESOLUTION
     step = PROBABILITY_SCALE / 255.0
@@ -342,7 +342,7 @@ def fill_height_points(
     stamp : int [ns]
     frame_id : str
     """
-    _fill_header(message.header, stamp, frame_id)
+    fill_header(message.header, stamp, frame_id)
     cells = np.argwhere(height_map.known)
     iy, ix = cells.T
     points = np.empty((len(cells), 4), dtype="<f4")
@@ -374,22 +374,61 @@ def fill_path(
     stamp : int [ns]
     frame_id : str
     """
-    _fill_header(message.header, stamp, frame_id)
+    fill_header(message.header, stamp, frame_id)
     quaternions = se3.to_quaternion(poses) if len(poses) else np.empty((0, 4))
     for T, quaternion in zip(poses, quaternions, strict=True):
         stamped = pose_stamped()
-        _fill_header(stamped.header, stamp, frame_id)
+        fill_header(stamped.header, stamp, frame_id)
         place, rotation = stamped.pose.position, stamped.pose.orientation
         place.x, place.y, place.z = (float(coordinate) for coordinate in T[:3, 3])
         rotation.x, rotation.y, rotation.z, rotation.w = (float(part) for part in quaternion)
         message.poses.append(stamped)
 
 
+def fill_pose(
+    message: Any, T: se3.Matrix, covariance: NDArray[np.float64], stamp: int, frame_id: str
+) -> None:
+    """Fill a geometry_msgs/PoseWithCovarianceStamped.
+
+    Parameters
+    ----------
+    message : geometry_msgs.msg.PoseWithCovarianceStamped
+    T : (4, 4) float64
+    covariance : (3, 3) float64
+        Of x, y [m], yaw [rad]; that of z, roll and pitch is not known and 0.
+    stamp : int [ns]
+    frame_id : str
+    """
+    fill_header(message.header, stamp, frame_id)
+    _fill_position(message.pose.pose.position, T)
+    _fill_rotation(message.pose.pose.orientation, T)
+    whole = np.zeros((6, 6))
+    whole[np.ix_((0, 1, 5), (0, 1, 5))] = covariance
+    message.pose.covariance = whole.reshape(-1)
+
+
+def fill_transform(message: Any, T: se3.Matrix, stamp: int, parent: str, child: str) -> None:
+    """Fill a geometry_msgs/TransformStamped with the pose (4, 4) of the child in its parent."""
+    fill_header(message.header, stamp, parent)
+    message.child_frame_id = child
+    _fill_position(message.transform.translation, T)
+    _fill_rotation(message.transform.rotation, T)
+
+
+def _fill_position(message: Any, T: se3.Matrix) -> None:
+    message.x, message.y, message.z = map(float, T[:3, 3])
+
+
+def _fill_rotation(message: Any, T: se3.Matrix) -> None:
+    message.x, message.y, message.z, message.w = map(float, se3.to_quaternion(T))
+
+
 def _fill_stamp(message: Any, stamp: int) -> None:
     message.sec, message.nanosec = divmod(stamp, 10**9)
 
 
-def _fill_header(message: Any, stamp: int, frame_id: str) -> None:
+def fill_header(message: Any, stamp: int, frame_id: str) -> None:
+    """Fill a std_msgs/Header; the stamp in ns."""
     _fill_stamp(message.stamp, stamp)
     message.frame_id = frame_id
 

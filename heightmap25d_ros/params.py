@@ -321,9 +321,7 @@ class ShortTermParams(_Section):
         2.0, "way after which a map is given up for the next one", "m", low=0.2, high=100.0
     )
     maps: int = _parameter(2, "how many there are at once, of staggered age", low=1, high=10)
-    mature_way: float = _parameter(
-        0.4, "way after which a map is used", "m", low=0.0, high=100.0
-    )
+    mature_way: float = _parameter(0.4, "way after which a map is used", "m", low=0.0, high=100.0)
     mature_time: float = _parameter(
         5.0, "or time: for a robot that stands", "s", low=0.0, high=600.0
     )
@@ -352,9 +350,7 @@ class RegistrationParams(_Section):
     window_distance: float = _parameter(
         3.0, "the search goes at most so far from the prior", "m", low=0.1, high=50.0
     )
-    window_angle: float = _parameter(
-        0.8, "and turns at most so far", "rad", low=0.01, high=3.1416
-    )
+    window_angle: float = _parameter(0.8, "and turns at most so far", "rad", low=0.01, high=3.1416)
     z_range: float = _parameter(
         1.0, "errors of z that are looked for, up and down", "m", low=0.05, high=50.0
     )

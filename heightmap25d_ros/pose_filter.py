@@ -58,13 +58,11 @@ class PoseFilter:
     def correct(self, registration: Registration, T_odom_base: se3.Matrix) -> None:
         """Take a registration in that was made with this estimate as prior."""
         information = registration.information
-        self.covariance = np.linalg.inv(np.linalg.inv(self.covariance) + information)
+        self.covariance = np.asarray(np.linalg.inv(np.linalg.inv(self.covariance) + information))
         x, y, yaw = self.covariance @ information @ registration.offset
         self.T_map_odom = (
-            moved(self.T_map_odom @ T_odom_base, (x, y, registration.z), yaw)
-            @ self.T_map_odom
+            moved(self.T_map_odom @ T_odom_base, (x, y, registration.z), yaw) @ self.T_map_odom
         )
-
 
     def doubt(self) -> None:
         """A registration disagreed by far: the odometry was worse than it was taken for."""

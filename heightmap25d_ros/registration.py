@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from heightmap25d_ros.params import RegistrationParams
 from heightmap25d_ros.short_term import Seen
 
 Array = NDArray[np.float64]
+_Window = tuple[NDArray[Any], NDArray[Any], Array]
 
 MIN_POINTS = 60
 """With fewer nothing is registered."""
@@ -120,7 +122,7 @@ def register(
     scale = scale_of(points, surface)
     few = points.some(search_points(points, params.search_points))
     window = _window(prior, scale, params)
-    precision = np.linalg.inv(prior)
+    precision = np.asarray(np.linalg.inv(prior), np.float64)
     starts = _basins(few, window, surface, pivot, cost, precision)
     bottoms = np.array([
         matching.descend(few, start, np.outer(_COARSE_STEPS, scale), surface, pivot, cost)
@@ -194,6 +196,7 @@ def curvature(
 
 
 def nothing(reason: Reason, points: int) -> Registration:
+    """A registration that was not made."""
     return Registration(
         reason=reason, offset=np.zeros(3), z=0.0, information=np.zeros((3, 3)), overlap=0.0,
         residual=0.0, ratio=0.0, points=points,
@@ -213,7 +216,7 @@ def _spread(index: NDArray[np.int64], count: int) -> NDArray[np.int64]:
     return index[np.arange(count) * len(index) // max(count, 1)]
 
 
-def _window(prior: Array, scale: Array, params: RegistrationParams) -> tuple[Array, Array, Array]:
+def _window(prior: Array, scale: Array, params: RegistrationParams) -> _Window:
     """x, y and yaw of the hypotheses, in steps of the scale, as of `matching.search`."""
     widths = _SIGMAS * np.sqrt(np.diag(prior))
     limits = params.window_distance, params.window_distance, params.window_angle
@@ -224,7 +227,7 @@ def _window(prior: Array, scale: Array, params: RegistrationParams) -> tuple[Arr
 
 def _basins(
     points: Points,
-    window: tuple[Array, Array, Array],
+    window: _Window,
     surface: Surface,
     pivot: tuple[float, float],
     cost: Cost,

@@ -51,7 +51,7 @@ def add_to(commands: Any) -> None:
     command.add_argument("--map", type=Path, required=True, metavar="DIR",
                          help="map directory of the long-term map")  # fmt: skip
     command.add_argument("-o", "--output", type=Path, required=True, metavar="DIR",
-                         help="directory for trajectory.tum, registrations.csv, pictures")  # fmt: skip
+                         help="directory for trajectories, registrations, pictures")  # fmt: skip
     command.add_argument("--initial", type=_pose, metavar="X,Y,Z,YAW",
                          help="where the robot is at the first odometry [m, rad] (default: odom "
                          "and map are the same)")  # fmt: skip
@@ -75,7 +75,9 @@ def _localize(options: argparse.Namespace) -> Figures:
         settings = with_scan_topics(read_params(options), bag, options.scan_topic)
         odom_topic = options.odom_topic or bag.odometry_topic()
         bag.require(odom_topic, ODOMETRY)
-        long_term = _long_term(options.map, settings)
+        long_term = map_io.load_in(
+            options.map, settings.mapper.probability_threshold, settings.mapping.map_frame
+        )
         compile_kernels(settings)  # not what is timed below
         localizer = Localizer(settings)
         localizer.set_long_term(long_term)
@@ -113,15 +115,6 @@ def _localize(options: argparse.Namespace) -> Figures:
         "seconds": round(seconds, 3),
         "x real time": round(duration / seconds, 1),
     }
-
-
-def _long_term(directory: Path, settings: Params) -> HeightMap:
-    loaded = map_io.load(directory, settings.mapper.probability_threshold)
-    if loaded.frame_id != settings.mapping.map_frame:
-        raise InputError(
-            f"{directory}: frame_id is {loaded.frame_id!r}, not {settings.mapping.map_frame!r}"
-        )
-    return loaded.height_map
 
 
 def _truth(bag: Bag, settings: Params) -> Trajectory:

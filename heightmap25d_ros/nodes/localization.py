@@ -1,0 +1,166 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The localization node: scans, odometry and a long-term map in, the pose of odom in it out."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
+from nav_msgs.msg import Odometry
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from sensor_msgs.msg import LaserScan
+from std_srvs.srv import Trigger
+from tf2_msgs.msg import TFMessage
+
+from heightmap25d_msgs.msg import HeightGrid, LocalizationStatus
+from heightmap25d_ros import map_io, messages
+from heightmap25d_ros.health import State
+from heightmap25d_ros.localization import Localizer, Pose, compile_kernels
+from heightmap25d_ros.nodes import process
+from heightmap25d_ros.tracking import Attempt
+
+
+class LocalizationNode(Node):
+    """Thin: hands messages to `Localizer`, and publishes what it makes of them.
+
+    Poses are published as odometry comes, ``transform_rate`` times a second of its time, and
+    when a registration was made.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("localization", automatically_declare_parameters_from_overrides=True)
+        self._params = process.declare_params(self)
+        self._frame = self._params.mapping.map_frame
+        self._localizer = Localizer(self._params)
+        self._state = State.DEGRADED
+        self._published_ns = 0
+        self._reported = 0
+        directory = self._params.localization.map_directory
+        if directory:
+            path, threshold = Path(directory), self._params.mapper.probability_threshold
+            self._localizer.set_long_term(map_io.load_in(path, threshold, self._frame))
+        compile_kernels(self._params)
+        self._correction_publisher = self.create_publisher(
+            PoseWithCovarianceStamped, "pose_correction", 10
+        )
+        self._pose_publisher = self.create_publisher(PoseWithCovarianceStamped, "pose", 10)
+        self._transform_publisher = self.create_publisher(TFMessage, "/tf", 100)
+        self._grid_publisher = self.create_publisher(HeightGrid, "short_term_grid", process.LATCHED)
+        self._status_publisher = self.create_publisher(
+            LocalizationStatus, "~/status", process.LATCHED
+        )
+        self._publish_status(None)
+        self._subscribe(is_map_known=bool(directory))
+        self.create_service(Trigger, "~/relocalize", self._relocalize)
+        wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(process.REPORT_PERIOD, self._report_drops, clock=wall_clock)
+
+    def _subscribe(self, *, is_map_known: bool) -> None:
+        for topic in self._params.intake.scan_topics:
+            self.create_subscription(LaserScan, topic, self._on_scan_of(topic), process.SCANS)
+        self.create_subscription(Odometry, "odom", self._on_odometry, 100)
+        self.create_subscription(
+            PoseWithCovarianceStamped, "initialpose", self._on_initial_pose, 10
+        )
+        self.create_subscription(TFMessage, "/tf", self._on_transforms, 100)
+        self.create_subscription(
+            TFMessage, "/tf_static", self._on_static_transforms, process.STATIC_TRANSFORMS
+        )
+        if not is_map_known:
+            self.create_subscription(
+                HeightGrid, "long_term_grid", self._localizer.take_long_term, process.LATCHED
+            )
+
+    def _on_scan_of(self, topic: str) -> Callable[[LaserScan], None]:
+        return lambda message: self._publish(self._localizer.take_scan(topic, message))
+
+    def _on_transforms(self, message: TFMessage) -> None:
+        self._publish(self._localizer.take_transforms(message, is_static=False))
+
+    def _on_static_transforms(self, message: TFMessage) -> None:
+        self._publish(self._localizer.take_transforms(message, is_static=True))
+
+    def _on_odometry(self, message: Odometry) -> None:
+        self._publish(self._localizer.take_odometry(message))
+
+    def _on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
+        self._localizer.take_initial_pose(message)
+        self._publish_status(None)
+
+    def _publish(self, attempts: list[Attempt]) -> None:
+        for attempt in attempts:
+            self._publish_status(attempt)
+        if attempts and self._grid_publisher.get_subscription_count():
+            self._publish_short_term(attempts[-1])
+        pose = self._localizer.pose
+        if pose is None:
+            return
+        passed = pose.stamp_ns - self._published_ns
+        is_due = not 0 <= passed < 1e9 / self._params.localization.transform_rate
+        if is_due or (attempts and passed):
+            self._published_ns = pose.stamp_ns
+            self._publish_pose(pose)
+
+    def _publish_pose(self, pose: Pose) -> None:
+        for publisher, T in (
+            (self._correction_publisher, pose.T_map_odom),
+            (self._pose_publisher, pose.T_map_base),
+        ):
+            message = PoseWithCovarianceStamped()
+            messages.fill_pose(message, T, pose.covariance, pose.stamp_ns, self._frame)
+            publisher.publish(message)
+        transform = TransformStamped()
+        ahead = round(self._params.localization.transform_tolerance * 1e9)
+        messages.fill_transform(
+            transform, pose.T_map_odom, pose.stamp_ns + ahead, self._frame, pose.odom_frame
+        )
+        self._transform_publisher.publish(TFMessage(transforms=[transform]))
+
+    def _publish_short_term(self, attempt: Attempt) -> None:
+        height_map, pose = self._localizer.short_term_map(), self._localizer.pose
+        if height_map is not None and pose is not None:
+            message = HeightGrid()
+            messages.fill_height_grid(message, height_map, attempt.stamp_ns, pose.odom_frame)
+            self._grid_publisher.publish(message)
+
+    def _publish_status(self, attempt: Attempt | None) -> None:
+        """Of an attempt; None: of a pose that was said from outside, or of the beginning."""
+        state = self._localizer.state
+        message: Any = LocalizationStatus(state=int(state), reason="no registration yet")
+        messages.fill_header(message.header, self._localizer.stamp_ns, self._frame)
+        if attempt is not None:
+            found = attempt.registration
+            message.reason = f"{attempt.kind.value}: {found.reason.value}"
+            message.position_deviation, message.yaw_deviation = attempt.deviation
+            message.overlap, message.residual = found.overlap, found.residual
+            message.ratio = found.ratio
+        self._status_publisher.publish(message)
+        if state is not self._state:
+            self.get_logger().warning(f"{self._state.name} -> {state.name}; {message.reason}")
+            self._state = state
+
+    def _relocalize(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = self._localizer.request_search()
+        response.message = (
+            "the search begins with the next short-term map; see ~/status"
+            if response.success
+            else "there is no long-term map yet"
+        )
+        return response
+
+    def _report_drops(self) -> None:
+        self._reported = process.report_drops(self, self._localizer.dropped, self._reported)
+
+
+def main() -> int:
+    """Run the node."""
+    return process.run(LocalizationNode)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
