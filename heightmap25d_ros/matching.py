@@ -30,6 +30,7 @@ from heightmap25d_ros.grid import HEIGHT_RESOLUTION, HeightMap
 _BINS = 256  # of the differences in height, for their median
 _LEAST_GAIN = 1e-9  # [m] of score
 _MOST_MOVES = 40  # of a descent with one step
+_BORDER = 2  # [cells] of unknown ones around a surface
 _kernel = njit(cache=True, error_model="numpy")
 _inlined = njit(cache=True, error_model="numpy", forceinline=True)
 
@@ -167,7 +168,8 @@ def match(
     cost : Cost
     """  # noqa: D205 - the first sentence takes two lines
     x, y, yaw = hypothesis
-    return Match(*_match(points, x, y, yaw, surface, pivot, cost, np.zeros(_BINS, np.int64)))
+    counts = np.zeros(_BINS, np.int64)
+    return Match(*_match(*points, x, y, yaw, _cells(surface, pivot), tuple(cost), counts))
 
 
 def search(
@@ -182,7 +184,6 @@ def search(
     Parameters
     ----------
     window : x (X,) int64, y (Y,) int64, yaw (W,) float64 [cells, cells, rad]
-        x and y without gaps.
 
     Returns
     -------
@@ -190,7 +191,7 @@ def search(
     """
     x, y, yaw = window
     scores = np.empty((len(yaw), len(y), len(x)))
-    _search(points, x, y, yaw, surface, pivot, cost, scores)
+    _search(*points, x, y, yaw, _cells(surface, pivot), tuple(cost), scores)
     return scores
 
 
@@ -209,151 +210,152 @@ def descend(
     steps : (S, 3) float64 [m, m, rad]
         The 26 neighbours at each step are tried until none is better.
     """
-    return _descend(points, hypothesis, steps, surface, pivot, cost)  # type: ignore[no-any-return]
+    return np.asarray(
+        _descend(*points, hypothesis, steps, _cells(surface, pivot), tuple(cost)), np.float64
+    )
+
+
+def _cells(surface: Surface, pivot: tuple[float, float]) -> tuple[Any, ...]:
+    """A surface for the kernels: plain, with a border of two unknown cells, and the pivot in it.
+
+    Inside of the kernels x and y are counted in cells from the corner of the border.
+    """
+    u, v = (np.asarray(pivot) - surface.origin) / surface.resolution + _BORDER
+    return (
+        np.pad(surface.heights, _BORDER, constant_values=np.nan),
+        np.pad(surface.is_edge, _BORDER),
+        float(u),
+        float(v),
+        1.0 / surface.resolution,
+    )
 
 
 @_inlined
-def _height_at(heights, iy, ix):
-    if 0 <= iy < heights.shape[0] and 0 <= ix < heights.shape[1]:
-        return heights[iy, ix]
-    return np.float32(np.nan)
+def _inside(cell, count):
+    """A cell's row or column; the border where it is farther out."""
+    return min(max(cell, 0), count - 1)
 
 
 @_inlined
-def _median(counts, total, z_range):
-    """Median of what was counted in bins over plus and minus a range."""
-    half = (total + 1) // 2
-    below = 0
-    for k in range(_BINS):
-        if below + counts[k] >= half:
-            part = (half - below - 0.5) / counts[k]
-            return (k + part) * (2 * z_range / _BINS) - z_range
-        below += counts[k]
-    return 0.0
+def _cost_of(height, is_edge, top, is_edge_too, clip):
+    return 0.0 if is_edge and is_edge_too else min(abs(height - top), clip)
 
 
 @_inlined
-def _cost_of(height, is_edge, top, is_edge_too, clip, unknown):
-    difference = abs(height - top)
-    if difference != difference:
-        return unknown * clip
-    if is_edge and is_edge_too:
-        return 0.0
-    return min(difference, clip)
-
-
-@_kernel
-def _eliminated(columns, rows, points, surface, cost, counts):
-    """Error of z over cells (N,).
+def _eliminated(columns, rows, shift_x, shift_y, xyz, edge, heights, edges, z_range, counts):
+    """Error of z over cells (N,): the median of what is counted in bins.
 
     Edges are left out, unless there is hardly anything else.
     """
-    heights, is_edge = surface.heights, surface.is_edge
-    per_bin = _BINS / (2 * cost.z_range)
+    per_bin = _BINS / (2 * z_range)
+    counted = 0
     for with_edges in range(2):
         counts[:] = 0
         counted = 0
         for i in range(len(rows)):
-            iy, ix = rows[i], columns[i]
-            difference = _height_at(heights, iy, ix) - points.xyz[i, 2]
-            if difference != difference:
-                continue
-            k = int(np.floor((difference + cost.z_range) * per_bin))
-            if 0 <= k < _BINS and (with_edges or not (points.is_edge[i] or is_edge[iy, ix])):
-                counts[k] += 1
+            iy = _inside(rows[i] + shift_y, heights.shape[0])
+            ix = _inside(columns[i] + shift_x, heights.shape[1])
+            k = (heights[iy, ix] - xyz[i, 2] + z_range) * per_bin
+            # Unknown heights are NaN, which is never within.
+            if 0.0 <= k < _BINS and (with_edges or not (edge[i] or edges[iy, ix])):
+                counts[int(k)] += 1
                 counted += 1
         if 10 * counted >= len(rows):
             break
-    return _median(counts, counted, cost.z_range) if counted else 0.0
+    half, below, k = (counted + 1) // 2, 0, 0
+    while k < _BINS - 1 and below + counts[k] < half:
+        below += counts[k]
+        k += 1
+    part = (half - below - 0.5) / max(counts[k], 1)
+    return (k + part) * (2 * z_range / _BINS) - z_range if counted else 0.0
+
+
+@_inlined
+def _place(xyz, yaw, u0, v0, per_metre, u, v, columns, rows):
+    """Where points, turned by a yaw, lie [cells]."""
+    cos, sin = np.cos(yaw) * per_metre, np.sin(yaw) * per_metre
+    for i in range(len(xyz)):
+        u[i] = u0 + cos * xyz[i, 0] - sin * xyz[i, 1]
+        v[i] = v0 + sin * xyz[i, 0] + cos * xyz[i, 1]
+        columns[i], rows[i] = int(np.floor(u[i])), int(np.floor(v[i]))
 
 
 @_kernel
-def _match(points, x, y, yaw, surface, pivot, cost, counts):
+def _match(xyz, edge, weight, x, y, yaw, cells, cost, counts):
     """`Match` of a hypothesis."""
-    heights, is_edge = surface.heights, surface.is_edge
-    u, v = _placed(points, yaw, surface, pivot)
-    u += x / surface.resolution
-    v += y / surface.resolution
-    columns, rows = np.floor(u).astype(np.int64), np.floor(v).astype(np.int64)
-    z = _eliminated(columns, rows, points, surface, cost, counts)
+    heights, edges, u0, v0, per_metre = cells
+    clip, unknown, z_range = cost
+    u, v = np.empty(len(xyz)), np.empty(len(xyz))
+    columns, rows = np.empty(len(xyz), np.int64), np.empty(len(xyz), np.int64)
+    _place(xyz, yaw, u0 + x * per_metre, v0 + y * per_metre, per_metre, u, v, columns, rows)
+    z = _eliminated(columns, rows, 0, 0, xyz, edge, heights, edges, z_range, counts)
     over_known = known = weights = 0.0
-    for i in range(len(points.xyz)):
-        ix, iy = int(np.floor(u[i] - 0.5)), int(np.floor(v[i] - 0.5))
-        a, b = u[i] - 0.5 - ix, v[i] - 0.5 - iy
-        top = points.xyz[i, 2] + z
-        weights += points.weight[i]
+    for i in range(len(xyz)):
+        left, low = np.floor(u[i] - 0.5), np.floor(v[i] - 0.5)
+        a, b = u[i] - 0.5 - left, v[i] - 0.5 - low
+        weights += weight[i]
         for oy in range(2):
+            iy = _inside(int(low) + oy, heights.shape[0])
             for ox in range(2):
-                height = _height_at(heights, iy + oy, ix + ox)
+                ix = _inside(int(left) + ox, heights.shape[1])
+                height = heights[iy, ix]
                 if height == height:
-                    edge = is_edge[iy + oy, ix + ox]
-                    share = (a if ox else 1.0 - a) * (b if oy else 1.0 - b) * points.weight[i]
+                    share = (a if ox else 1.0 - a) * (b if oy else 1.0 - b) * weight[i]
                     known += share
                     over_known += share * _cost_of(
-                        height, edge, top, points.is_edge[i], cost.clip, cost.unknown
+                        height, edges[iy, ix], xyz[i, 2] + z, edge[i], clip
                     )
-    total = over_known + (weights - known) * cost.unknown * cost.clip
+    total = over_known + (weights - known) * unknown * clip
     weights = max(weights, 1e-12)
     return total / weights, z, known / weights, over_known / max(known, 1e-12)
 
 
 @_kernel
-def _placed(points, yaw, surface, pivot):
-    """Where points, turned by a yaw, lie in the surface [cells]."""
-    cos, sin = np.cos(yaw) / surface.resolution, np.sin(yaw) / surface.resolution
-    px, py = points.xyz[:, 0], points.xyz[:, 1]
-    u0 = (pivot[0] - surface.origin[0]) / surface.resolution
-    v0 = (pivot[1] - surface.origin[1]) / surface.resolution
-    return u0 + cos * px - sin * py, v0 + sin * px + cos * py
-
-
-@_kernel
-def _search(points, xs, ys, yaws, surface, pivot, cost, scores):
-    heights, is_edge = surface.heights, surface.is_edge
+def _search(xyz, edge, weight, xs, ys, yaws, cells, cost, scores):
+    """Scores (W, Y, X) of hypotheses in steps of whole cells."""
+    heights, edges, u0, v0, per_metre = cells
+    clip, unknown, z_range = cost
     counts = np.zeros(_BINS, np.int64)
-    weights = max(points.weight.sum(), 1e-12)
+    u, v = np.empty(len(xyz)), np.empty(len(xyz))
+    columns, rows = np.empty(len(xyz), np.int64), np.empty(len(xyz), np.int64)
+    weights = max(weight.sum(), 1e-12)
     for w in range(len(yaws)):
-        u, v = _placed(points, yaws[w], surface, pivot)
-        columns, rows = np.floor(u).astype(np.int64), np.floor(v).astype(np.int64)
-        columns += xs[0]
-        rows += ys[0]
+        _place(xyz, yaws[w], u0, v0, per_metre, u, v, columns, rows)
         for j in range(len(ys)):
             for i in range(len(xs)):
-                z = _eliminated(columns, rows, points, surface, cost, counts)
+                z = _eliminated(
+                    columns, rows, xs[i], ys[j], xyz, edge, heights, edges, z_range, counts
+                )
                 total = 0.0
                 for k in range(len(rows)):
-                    iy, ix = rows[k], columns[k]
-                    height = _height_at(heights, iy, ix)
-                    edge = height == height and is_edge[iy, ix]
-                    total += points.weight[k] * _cost_of(
-                        height, edge, points.xyz[k, 2] + z, points.is_edge[k],
-                        cost.clip, cost.unknown,
-                    )  # fmt: skip
+                    iy = _inside(rows[k] + ys[j], heights.shape[0])
+                    ix = _inside(columns[k] + xs[i], heights.shape[1])
+                    height = heights[iy, ix]
+                    if height == height:
+                        total += weight[k] * _cost_of(
+                            height, edges[iy, ix], xyz[k, 2] + z, edge[k], clip
+                        )
+                    else:
+                        total += weight[k] * unknown * clip
                 scores[w, j, i] = total / weights
-                columns += 1
-            columns -= len(xs)
-            rows += 1
 
 
 @_kernel
-def _descend(points, hypothesis, steps, surface, pivot, cost):
+def _descend(xyz, edge, weight, hypothesis, steps, cells, cost):
     counts = np.zeros(_BINS, np.int64)
     best = hypothesis.copy()
-    score = _match(points, best[0], best[1], best[2], surface, pivot, cost, counts)[0]
-    for step in steps:
+    score = _match(xyz, edge, weight, best[0], best[1], best[2], cells, cost, counts)[0]
+    for s in range(len(steps)):
         for _ in range(_MOST_MOVES):
-            start = best.copy()
-            before = score
-            for a in range(-1, 2):
-                for b in range(-1, 2):
-                    for c in range(-1, 2):
-                        tried = start + step * np.array([a, b, c])
-                        value = _match(
-                            points, tried[0], tried[1], tried[2], surface, pivot, cost, counts
-                        )[0]
-                        if value < score - _LEAST_GAIN:
-                            score = value
-                            best = tried
+            start, before = best.copy(), score
+            for move in range(27):
+                x = start[0] + steps[s, 0] * (move % 3 - 1)
+                y = start[1] + steps[s, 1] * (move // 3 % 3 - 1)
+                yaw = start[2] + steps[s, 2] * (move // 9 - 1)
+                value = _match(xyz, edge, weight, x, y, yaw, cells, cost, counts)[0]
+                if value < score - _LEAST_GAIN:
+                    score = value
+                    best[0], best[1], best[2] = x, y, yaw
             if score == before:
                 break
     return best

@@ -26,7 +26,8 @@ from heightmap25d_ros.registration import (
 
 Array = NDArray[np.float64]
 
-_POINTS = 200  # of the search
+_POINTS = 120  # of the search
+_YAW_STEP = 1.5  # of it, in what moves the points by a cell
 _BASINS = 24  # that are refined
 _STEPS = (1.0, 1 / 2, 1 / 4, 1 / 8)  # [cells] of the refinement
 _APART = 2  # [cells of half the resolution, steps of yaw] of two basins in the search
@@ -89,7 +90,7 @@ def _starts(points: Points, pivot: tuple[float, float], surface: Surface, cost: 
     """The best hypotheses (B, 3) of the whole map that are not beside one another."""
     coarse = matching.coarser(surface)
     few = points.some(search_points(points, _POINTS))
-    count = int(np.ceil(2 * np.pi / scale_of(points, coarse)[2]))
+    count = int(np.ceil(2 * np.pi / (_YAW_STEP * scale_of(points, coarse)[2])))
     yaws = np.arange(count) * (2 * np.pi / count)
     rows, columns = coarse.heights.shape
     corner = coarse.origin[0] + 0.5 * coarse.resolution, coarse.origin[1] + 0.5 * coarse.resolution
