@@ -174,6 +174,7 @@ class Localizer:
         elif before is not None:
             self._mend_jump(before, odometry)
         self._odometry = odometry
+        self._tracker.move(odometry.T)
         if self._waiting_pose is not None:
             self._set_pose(*self._waiting_pose)
         attempts = self._track(readings)

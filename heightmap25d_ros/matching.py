@@ -125,13 +125,14 @@ def edges(heights: NDArray[np.float32], step: float) -> NDArray[np.bool_]:
     """Known cells with an unknown one beside them, or above one of eight neighbours by a step."""
     rows, columns = heights.shape
     around = np.pad(heights, 1, constant_values=np.nan)
-    is_edge = np.zeros(heights.shape, bool)
+    is_edge: NDArray[np.bool_] = np.zeros(heights.shape, bool)
     for dy, dx in np.ndindex(3, 3):
         neighbour = around[dy : dy + rows, dx : dx + columns]
         if dy == 1 or dx == 1:
             is_edge |= np.isnan(neighbour)
         is_edge |= heights - neighbour > step
-    return np.asarray(is_edge & ~np.isnan(heights))
+    is_edge &= ~np.isnan(heights)
+    return is_edge
 
 
 def coarser(surface: Surface) -> Surface:
@@ -242,7 +243,9 @@ def _cost_of(height, is_edge, top, is_edge_too, clip):
 
 
 @_inlined
-def _eliminated(columns, rows, shift_x, shift_y, xyz, edge, heights, edges, z_range, counts):
+def _eliminated(  # noqa: PLR0913
+    columns, rows, shift_x, shift_y, xyz, edge, heights, edges, z_range, counts,
+):  # fmt: skip
     """Error of z over cells (N,): the median of what is counted in bins.
 
     Edges are left out, unless there is hardly anything else.
@@ -271,7 +274,9 @@ def _eliminated(columns, rows, shift_x, shift_y, xyz, edge, heights, edges, z_ra
 
 
 @_inlined
-def _place(xyz, yaw, u0, v0, per_metre, u, v, columns, rows):
+def _place(  # noqa: PLR0913
+    xyz, yaw, u0, v0, per_metre, u, v, columns, rows,
+):  # fmt: skip
     """Where points, turned by a yaw, lie [cells]."""
     cos, sin = np.cos(yaw) * per_metre, np.sin(yaw) * per_metre
     for i in range(len(xyz)):
@@ -281,7 +286,9 @@ def _place(xyz, yaw, u0, v0, per_metre, u, v, columns, rows):
 
 
 @_kernel
-def _match(xyz, edge, weight, x, y, yaw, cells, cost, counts):
+def _match(  # noqa: PLR0913
+    xyz, edge, weight, x, y, yaw, cells, cost, counts,
+):  # fmt: skip
     """`Match` of a hypothesis."""
     heights, edges, u0, v0, per_metre = cells
     clip, unknown, z_range = cost
@@ -311,7 +318,9 @@ def _match(xyz, edge, weight, x, y, yaw, cells, cost, counts):
 
 
 @_kernel
-def _search(xyz, edge, weight, xs, ys, yaws, cells, cost, scores):
+def _search(  # noqa: PLR0913
+    xyz, edge, weight, xs, ys, yaws, cells, cost, scores,
+):  # fmt: skip
     """Scores (W, Y, X) of hypotheses in steps of whole cells."""
     heights, edges, u0, v0, per_metre = cells
     clip, unknown, z_range = cost

@@ -66,7 +66,8 @@ class PoseFilter:
 
     def doubt(self) -> None:
         """A registration disagreed by far: the odometry was worse than it was taken for."""
-        self.covariance = _DOUBT * self.covariance
+        if self.deviation[0] < self._params.degraded_deviation:
+            self.covariance = _DOUBT * self.covariance
 
 
 def moved(T_map_base: se3.Matrix, shift: tuple[float, float, float], yaw: float) -> se3.Matrix:

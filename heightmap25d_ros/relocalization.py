@@ -91,7 +91,7 @@ def _starts(points: Points, pivot: tuple[float, float], surface: Surface, cost: 
     coarse = matching.coarser(surface)
     few = points.some(search_points(points, _POINTS))
     count = int(np.ceil(2 * np.pi / (_YAW_STEP * scale_of(points, coarse)[2])))
-    yaws = np.arange(count) * (2 * np.pi / count)
+    yaws = np.arange(count, dtype=np.float64) * (2 * np.pi / count)
     rows, columns = coarse.heights.shape
     corner = coarse.origin[0] + 0.5 * coarse.resolution, coarse.origin[1] + 0.5 * coarse.resolution
     window = np.arange(columns), np.arange(rows), yaws

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,6 @@ from heightmap25d_ros.sensor import Beams
 from heightmap25d_ros.short_term import ShortTermMap, ShortTermMaps, way_between
 
 Array = NDArray[np.float64]
-_Pivot = tuple[float, float]
 
 _PLACE_COVARIANCE = np.diag([0.15**2, 0.15**2, 0.03**2])  # of what is found in the whole map
 _SEARCH_WAY = 1.0  # [m] from one search of the whole map to the next
@@ -66,6 +66,15 @@ class Attempt:
     pivot: tuple[float, float]
 
 
+class _View(NamedTuple):
+    """What is registered, and against what."""
+
+    surface: Surface
+    points: Points
+    pivot: tuple[float, float]
+    T_odom_base: se3.Matrix
+
+
 class Tracker:
     """The estimate of the pose over the long-term map.
 
@@ -93,6 +102,7 @@ class Tracker:
         self._params = params
         self._short_term = ShortTermMaps(params)
         self._T_odom_base: se3.Matrix | None = None
+        self._is_search_wanted = False
         self.set_pose(T_map_odom, covariance)
 
     def set_pose(self, T_map_odom: se3.Matrix, covariance: Array) -> None:
@@ -102,7 +112,6 @@ class Tracker:
         self.jumps += 1
         self._candidate: PoseFilter | None = None
         self._confirmed = 0
-        self._is_search_wanted = False
         self._tried_way = self._searched_way = -np.inf
 
     def forget(self) -> None:
@@ -120,30 +129,33 @@ class Tracker:
         """The one that is registered next, if it is mature."""
         return self._short_term.mature()
 
-    def take(self, beams: Beams, T_odom_base: se3.Matrix, stamp_ns: int) -> Attempt | None:
-        """Take the beams of a scan in, in odom, with the pose (4, 4) of the robot."""
+    def move(self, T_odom_base: se3.Matrix) -> None:
+        """The robot is at a pose (4, 4) by odometry now."""
         if self._T_odom_base is not None:
             way = way_between(self._T_odom_base, T_odom_base)
             for estimate in filter(None, (self.estimate, self._candidate)):
                 estimate.predict(self._T_odom_base, T_odom_base, way)
         self._T_odom_base = T_odom_base
+
+    def take(self, beams: Beams, T_odom_base: se3.Matrix, stamp_ns: int) -> Attempt | None:
+        """Take the beams of a scan in, in odom, with the pose (4, 4) of the robot."""
         self._short_term.integrate(beams, T_odom_base, stamp_ns)
         way = self._short_term.way
-        is_due = way - self._tried_way >= self._params.localization.interval
-        if self.surface is None or not (is_due or self._is_search_due()):
+        if self.surface is None or not (self._is_registration_due() or self._is_search_due()):
             return None
         short_term_map = self._short_term.mature()
         if short_term_map is None:
             return None
-        seen = short_term_map.seen(way)
         prior = self._candidate or self.estimate
+        seen = short_term_map.seen(way)
         points, pivot = points_of(seen, prior.T_map_odom, T_odom_base)
+        view = _View(self.surface, points, pivot, T_odom_base)
         if self._candidate is not None:
-            kind, found = Kind.CONFIRMATION, self._confirm(self._candidate, points, pivot)
+            kind, found = Kind.CONFIRMATION, self._confirm(self._candidate, view)
         elif self._is_search_due():
-            kind, found = Kind.SEARCH, self._search(points, pivot)
+            kind, found = Kind.SEARCH, self._search(view)
         else:
-            kind, found = Kind.TRACKING, self._track(points, pivot)
+            kind, found = Kind.TRACKING, self._track(view)
         self._tried_way = way
         return Attempt(
             stamp_ns=stamp_ns,
@@ -156,6 +168,12 @@ class Tracker:
             pivot=pivot,
         )
 
+    def _is_registration_due(self) -> bool:
+        """Where the robot is lost, only what was found in the whole map is worth registering."""
+        is_lost = self.health.state is State.LOST and self._candidate is None
+        passed = self._short_term.way - self._tried_way
+        return not is_lost and passed >= self._params.localization.interval
+
     def _is_search_due(self) -> bool:
         is_lost = self.health.state is State.LOST
         is_wanted = self._is_search_wanted or (
@@ -163,38 +181,38 @@ class Tracker:
         )
         return is_wanted and self._short_term.way - self._searched_way >= _SEARCH_WAY
 
-    def _register(self, estimate: PoseFilter, points: Points, pivot: _Pivot) -> Registration:
+    def _register(self, estimate: PoseFilter, view: _View) -> Registration:
         found = register(
-            points, pivot, self._surface, estimate.covariance, self._params.registration
+            view.points, view.pivot, view.surface, estimate.covariance, self._params.registration
         )
         if found.is_accepted:
-            estimate.correct(found, self._pose)
+            estimate.correct(found, view.T_odom_base)
         elif found.reason is Reason.FAR_FROM_PRIOR:
             estimate.doubt()
         return found
 
-    def _track(self, points: Points, pivot: _Pivot) -> Registration:
-        found = self._register(self.estimate, points, pivot)
+    def _track(self, view: _View) -> Registration:
+        found = self._register(self.estimate, view)
         self.health.update(found, self.estimate.deviation[0])
         return found
 
-    def _search(self, points: Points, pivot: _Pivot) -> Registration:
+    def _search(self, view: _View) -> Registration:
         """Look for a candidate in the whole map; the estimate stays."""
         self._searched_way = self._short_term.way
-        T_map_odom = self.estimate.T_map_odom
-        found = relocalize(points, pivot, self._surface, self._params.registration)
+        found = relocalize(view.points, view.pivot, view.surface, self._params.registration)
         if found.is_accepted:
+            T_map_odom = self.estimate.T_map_odom
             x, y, yaw = found.offset
-            turn = moved(T_map_odom @ self._pose, (x, y, found.z), yaw)
+            to_place = moved(T_map_odom @ view.T_odom_base, (x, y, found.z), yaw)
             self._candidate = PoseFilter(
-                self._params.localization, turn @ T_map_odom, _PLACE_COVARIANCE
+                self._params.localization, to_place @ T_map_odom, _PLACE_COVARIANCE
             )
             self._confirmed = 0
         return found
 
-    def _confirm(self, candidate: PoseFilter, points: Points, pivot: _Pivot) -> Registration:
+    def _confirm(self, candidate: PoseFilter, view: _View) -> Registration:
         """Hold a candidate against what was seen since; take it or drop it."""
-        found = self._register(candidate, points, pivot)
+        found = self._register(candidate, view)
         if not found.is_accepted:
             self._candidate = None
             return found
@@ -202,14 +220,5 @@ class Tracker:
         if self._confirmed >= self._params.localization.confirmations:
             self.set_pose(candidate.T_map_odom, candidate.covariance)
             self.health.begin(is_confirmed=True)
+            self._is_search_wanted = False
         return found
-
-    @property
-    def _pose(self) -> se3.Matrix:
-        assert self._T_odom_base is not None
-        return self._T_odom_base
-
-    @property
-    def _surface(self) -> Surface:
-        assert self.surface is not None
-        return self.surface
