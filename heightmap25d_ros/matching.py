@@ -118,7 +118,8 @@ def surface_of(height_map: HeightMap, edge_step: float) -> Surface:
     heights = height_map.height.astype(np.float32) * np.float32(HEIGHT_RESOLUTION)
     heights[~height_map.known] = np.nan
     geometry = height_map.geometry
-    return Surface(heights, edges(heights, edge_step), geometry.origin, geometry.resolution)
+    is_edge = edges(heights, edge_step)
+    return Surface(heights, is_edge, geometry.origin, geometry.resolution)
 
 
 def edges(heights: NDArray[np.float32], step: float) -> NDArray[np.bool_]:
@@ -143,7 +144,7 @@ def coarser(surface: Surface) -> Surface:
     heights = np.pad(surface.heights, grow, constant_values=np.nan).reshape(blocks)
     return Surface(
         np.fmax.reduce(np.fmax.reduce(heights, axis=3), axis=1),
-        np.pad(surface.is_edge, grow).reshape(blocks).any(axis=(1, 3)),
+        np.asarray(np.pad(surface.is_edge, grow).reshape(blocks).any(axis=(1, 3))),
         surface.origin,
         2 * surface.resolution,
     )

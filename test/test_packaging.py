@@ -17,7 +17,7 @@ from catkin_pkg.package import Package, parse_package
 
 ROOT = Path(__file__).resolve().parent.parent
 NAME = "heightmap25d_ros"
-EXECUTABLES = {"heightmap25d", "mapping", "planning", "replay", "simulator"}
+EXECUTABLES = {"heightmap25d", "localization", "mapping", "planning", "replay", "simulator"}
 
 # A module imports only modules before it; those of nodes/ and simulation/ also one another.
 ORDER = [
@@ -25,8 +25,11 @@ ORDER = [
     "grid", "sensor",
     "mapper", "terrain", "footprint", "traversability",
     "intrinsics", "planner", "transition_costs", "path", "footprint_check", "route",
-    "messages", "transforms", "intake", "mapping", "planning", "self_check",
+    "messages", "transforms", "intake", "message_intake", "mapping", "planning", "self_check",
+    "matching", "short_term", "registration", "relocalization",
+    "health", "pose_filter", "tracking", "localization",
     "bag", "atomic_directory", "map_io", "block_view", "render", "plan_view",
+    "localization_pictures",
     "evaluation", "reachability", "drivability", "trajectory_error",
     "simulation",
     "commands", "cli", "nodes",

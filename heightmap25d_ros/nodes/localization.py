@@ -38,7 +38,7 @@ class LocalizationNode(Node):
         self._frame = self._params.mapping.map_frame
         self._localizer = Localizer(self._params)
         self._state = State.DEGRADED
-        self._published_ns = 0
+        self._period = self._published_ns = 0
         self._reported = 0
         directory = self._params.localization.map_directory
         if directory:
@@ -100,10 +100,10 @@ class LocalizationNode(Node):
         pose = self._localizer.pose
         if pose is None:
             return
-        passed = pose.stamp_ns - self._published_ns
-        is_due = not 0 <= passed < 1e9 / self._params.localization.transform_rate
-        if is_due or (attempts and passed):
-            self._published_ns = pose.stamp_ns
+        # Periods are counted from zero: so the rate holds on average, whatever odometry's is.
+        period = int(pose.stamp_ns * 1e-9 * self._params.localization.transform_rate)
+        if period != self._period or (attempts and pose.stamp_ns != self._published_ns):
+            self._period, self._published_ns = period, pose.stamp_ns
             self._publish_pose(pose)
 
     def _publish_pose(self, pose: Pose) -> None:
