@@ -13,5 +13,8 @@ Read the modules in this order; imports point only upwards:
 7. ``messages``, ``transforms``, ``intake``: ROS messages become scans with poses; ``mapping`` and
    ``planning``: messages in, maps and plans out.
 8. ``bag``, ``map_io``, ``evaluation``, ``render``: files in, files out.
-9. ``commands``, ``cli`` and ``nodes``: the same objects driven from a bag and from topics.
+9. ``matching``, ``short_term``, ``registration``, ``relocalization``: a map of the last metres
+   against the long-term map; ``health``, ``pose_filter``, ``tracking``, ``localization``: the
+   pose held to it.
+10. ``commands``, ``cli`` and ``nodes``: the same objects driven from a bag and from topics.
 """

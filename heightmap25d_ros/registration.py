@@ -33,10 +33,9 @@ _APART = 2  # [cells, steps of yaw] of two basins in the search
 _DISTINCT = 1.5  # [cells] between the bottoms of two basins
 _COARSE_STEPS, _FINE_STEPS = (1 / 2, 1 / 4), (1 / 4, 1 / 8, 1 / 16, 1 / 32)  # [cells]
 _PENALTY = 0.003  # [clip] that a hypothesis one standard deviation from the prior costs
-_SIGMAS = 3.0  # of the prior, that are searched
-_PAPER_ANGLE = np.radians(1.0)  # between hypotheses of the paper's method
-_PAPER_GOOD = 1.05  # times the best sum is good
-_PAPER_SPREAD = 0.5  # [steps] that its average is taken to be off
+SIGMAS = 3.0
+"""Standard deviations of the prior that are searched."""
+
 _CERTAINTY = 250.0  # [1 / cell^2 / curvature] measured: what makes the covariance true
 
 
@@ -121,8 +120,6 @@ def register(
     """
     if len(points.xyz) < MIN_POINTS:
         return nothing(Reason.FEW_POINTS, len(points.xyz))
-    if params.method == "paper":
-        return _by_paper(points, pivot, surface, prior)
     cost = Cost(params.clip, params.unknown, params.z_range)
     scale = scale_of(points, surface)
     few = points.some(search_points(points, params.search_points))
@@ -158,56 +155,6 @@ def register(
         ratio=ratio,
         points=len(points.xyz),
     )
-
-
-def _by_paper(
-    points: Points, pivot: tuple[float, float], surface: Surface, prior: Array
-) -> Registration:
-    """The paper's: on a grid of hypotheses the sum of the absolute differences in height over
-    cells valid in both maps; the average of the good ones, weighted by their scores.
-
-    It does not say how good is good, nor how fine the grid is. z is the long-term height below
-    the robot minus what it was thought to be: here, as the robot does not see the ground below
-    itself, the median difference.
-    """  # noqa: D205 - the first sentence takes two lines
-    widths = _SIGMAS * np.sqrt(np.diag(prior))
-    steps = np.array([surface.resolution, surface.resolution, _PAPER_ANGLE])
-    axes = [
-        step * np.arange(-n, n + 1)
-        for n, step in zip(np.ceil(widths / steps).astype(int), steps, strict=True)
-    ]
-    hypotheses = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    results = np.array([_difference(points, h, surface, pivot) for h in hypotheses])
-    sums, valid = results[:, 0], results[:, 1] > 0.5 * results[:, 1].max()
-    best = sums[valid].min()
-    good = valid & (sums <= _PAPER_GOOD * best)
-    weights = 1.0 / np.maximum(sums[good], 1e-9)
-    offset = np.average(hypotheses[good], axis=0, weights=weights)
-    _, count, z, residual = _difference(points, offset, surface, pivot)
-    return Registration(
-        reason=Reason.ACCEPTED, offset=offset, z=z,
-        information=np.diag(1.0 / (_PAPER_SPREAD * steps) ** 2),
-        overlap=count / len(points.xyz), residual=residual, ratio=0.0, points=len(points.xyz),
-    )  # fmt: skip
-
-
-def _difference(
-    points: Points, hypothesis: Array, surface: Surface, pivot: tuple[float, float]
-) -> tuple[float, int, float, float]:
-    """Sum of the absolute differences, over how many cells, their median, their mean [m]."""
-    x, y, yaw = hypothesis
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    px, py, pz = points.xyz.T
-    ix = np.floor((pivot[0] + x + cos * px - sin * py - surface.origin[0]) / surface.resolution)
-    iy = np.floor((pivot[1] + y + sin * px + cos * py - surface.origin[1]) / surface.resolution)
-    rows, columns = surface.heights.shape
-    inside = (ix >= 0) & (ix < columns) & (iy >= 0) & (iy < rows)
-    heights = surface.heights[iy[inside].astype(int), ix[inside].astype(int)]
-    differences = (heights - pz[inside])[~np.isnan(heights)]
-    if not len(differences):
-        return 0.0, 0, 0.0, 0.0
-    total = float(np.abs(differences).sum())
-    return total, len(differences), float(np.median(differences)), total / len(differences)
 
 
 def search_points(points: Points, count: int) -> NDArray[np.int64]:
@@ -273,7 +220,7 @@ def _spread(index: NDArray[np.int64], count: int) -> NDArray[np.int64]:
 
 def _window(prior: Array, scale: Array, params: RegistrationParams) -> _Window:
     """x, y and yaw of the hypotheses, in steps of the scale, as of `matching.search`."""
-    widths = _SIGMAS * np.sqrt(np.diag(prior))
+    widths = SIGMAS * np.sqrt(np.diag(prior))
     limits = params.window_distance, params.window_distance, params.window_angle
     counts = np.ceil(np.minimum(widths, limits) / scale).astype(int)
     x, y, yaw = (np.arange(-n, n + 1) for n in np.maximum(counts, 1))

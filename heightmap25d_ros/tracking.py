@@ -15,6 +15,7 @@ from heightmap25d_ros import se3
 from heightmap25d_ros.health import Health, State
 from heightmap25d_ros.matching import Points, Surface
 from heightmap25d_ros.params import Params
+from heightmap25d_ros.paper_registration import register_by_paper
 from heightmap25d_ros.pose_filter import PoseFilter, moved
 from heightmap25d_ros.registration import Reason, Registration, points_of, register
 from heightmap25d_ros.relocalization import relocalize
@@ -182,9 +183,11 @@ class Tracker:
         return is_wanted and self._short_term.way - self._searched_way >= _SEARCH_WAY
 
     def _register(self, estimate: PoseFilter, view: _View) -> Registration:
-        found = register(
-            view.points, view.pivot, view.surface, estimate.covariance, self._params.registration
-        )
+        params, prior = self._params.registration, estimate.covariance
+        if params.method == "paper":
+            found = register_by_paper(view.points, view.pivot, view.surface, prior)
+        else:
+            found = register(view.points, view.pivot, view.surface, prior, params)
         if found.is_accepted:
             estimate.correct(found, view.T_odom_base)
         elif found.reason is Reason.FAR_FROM_PRIOR:

@@ -26,7 +26,7 @@ ORDER = [
     "mapper", "terrain", "footprint", "traversability",
     "intrinsics", "planner", "transition_costs", "path", "footprint_check", "route",
     "messages", "transforms", "intake", "message_intake", "mapping", "planning", "self_check",
-    "matching", "short_term", "registration", "relocalization",
+    "matching", "short_term", "registration", "paper_registration", "relocalization",
     "health", "pose_filter", "tracking", "localization",
     "bag", "atomic_directory", "map_io", "block_view", "render", "plan_view",
     "localization_pictures",

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from heightmap25d_ros.matching import Points, Surface, edges
+from heightmap25d_ros.paper_registration import register_by_paper
 from heightmap25d_ros.params import RegistrationParams
 from heightmap25d_ros.registration import Reason, register, search_points
 from heightmap25d_ros.relocalization import relocalize
@@ -162,9 +163,7 @@ def test_paper_method_comes_within_a_cell():
     rng = np.random.default_rng(7)
     place, truth = boxes(rng), np.array([0.25, -0.375, 0.0])
     seen = short_term(place, rng, truth)
-    found = register(
-        seen, (0.0, 0.0), long_term(place, rng), WIDE, dataclasses.replace(PARAMS, method="paper")
-    )
+    found = register_by_paper(seen, (0.0, 0.0), long_term(place, rng), WIDE)
     assert np.linalg.norm(found.offset[:2] - truth[:2]) < CELL
     assert abs(np.degrees(found.offset[2])) < 1.0
 
