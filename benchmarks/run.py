@@ -13,6 +13,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import conversion
+import localization
 import mapping
 import memory
 import messages
@@ -24,7 +25,7 @@ import planning_node
 
 ROOT = Path(__file__).parent.parent
 OUT = ROOT / "out" / "bench.json"
-PEERS = ("octomap-python", "rosbags", "pyastar2d", "scikit-image")
+PEERS = ("octomap-python", "rosbags", "pyastar2d", "scikit-image", "small_gicp")
 
 # Of a section's figures: at least or at most so much.
 TARGETS = {
@@ -51,6 +52,13 @@ TARGETS = {
         )
     },
     ("planning", "median of maps: pyastar2d / ours"): (">=", 2.0),
+    ("localization", "numpy / ours"): (">=", 50.0),
+    ("localization", "kernel / ours"): (">=", 8.0),
+    ("localization", "ICP / ours"): (">=", 10.0),
+    ("localization", "ours: median error [m]"): ("<=", 0.03),
+    ("localization", "ours: 95 % of errors [m]"): ("<=", 0.06),
+    ("localization", "ours: median error of yaw [deg]"): ("<=", 0.2),
+    ("localization", "ours: failures"): ("<=", 0.0),
     ("planning node", "goals without a path"): ("<=", 0.0),
 }
 
@@ -62,6 +70,7 @@ def main() -> None:
         "conversion": conversion.measure(),
         "memory": memory.measure(),
         "planning": planning.measure(),
+        "localization": localization.measure(),
         "node": node.measure(),
         "planning node": planning_node.measure(),
         "messages": messages.measure(),

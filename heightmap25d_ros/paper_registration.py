@@ -3,10 +3,12 @@
 """The paper's registration, section IV C: ``method: paper``.
 
 On a grid of hypotheses the sum of the absolute differences in height over the cells that are
-valid in both maps; the average of the good ones, weighted by their scores. How good is good and
-how fine the grid is, the paper does not say: here 5 % above the best, and a cell and a degree.
-Nothing is refused. z is the long-term height where the robot is minus what it was thought to be;
-as the robot does not see the ground below itself, that is the median difference around it.
+valid in both maps, here over their number: as it stands, the sum is best where few are valid,
+and lost the robot in one lap of four. Then the average of the good ones, weighted by their
+scores. How good is good and how fine the grid is, the paper does not say: here 5 % above the
+best, and a cell and a degree. Nothing is refused. z is the long-term height where the robot is
+minus what it was thought to be; as the robot does not see the ground below itself, that is the
+median difference around it.
 """
 
 from __future__ import annotations
@@ -19,17 +21,18 @@ from heightmap25d_ros.registration import SIGMAS, Reason, Registration, nothing
 
 Array = NDArray[np.float64]
 
+_REACH = 1.0, 1.0, np.radians(10.0)  # [m, m, rad] of the hypotheses at most
 _ANGLE = np.radians(1.0)  # between hypotheses
-_GOOD = 1.05  # times the best sum is good
+_GOOD = 1.05  # times the best mean is good
 _SPREAD = 0.5  # [steps] that the average is taken to be off
-_VALID = 0.5  # of the most valid cells, that a hypothesis needs: without any, its sum is zero
+_VALID = 0.5  # of the most valid cells, that a hypothesis needs
 
 
 def register_by_paper(
     points: Points, pivot: tuple[float, float], surface: Surface, prior: Array
 ) -> Registration:
     """Register points against the long-term map; parameters as of `registration.register`."""
-    widths = SIGMAS * np.sqrt(np.diag(prior))
+    widths = np.minimum(SIGMAS * np.sqrt(np.diag(prior)), _REACH)
     steps = np.array([surface.resolution, surface.resolution, _ANGLE])
     axes = [
         step * np.arange(-n, n + 1)
@@ -37,12 +40,13 @@ def register_by_paper(
     ]
     hypotheses = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     results = np.array([_difference(points, h, surface, pivot) for h in hypotheses])
-    sums, valid = results[:, 0], results[:, 1] > _VALID * results[:, 1].max()
+    means = results[:, 0] / np.maximum(results[:, 1], 1)
+    valid = results[:, 1] > _VALID * results[:, 1].max()
     if not valid.any():
         return nothing(Reason.LITTLE_OVERLAP, len(points.xyz))
-    best = sums[valid].min()
-    good = valid & (sums <= _GOOD * best)
-    weights = 1.0 / np.maximum(sums[good], 1e-9)
+    best = means[valid].min()
+    good = valid & (means <= _GOOD * best)
+    weights = 1.0 / np.maximum(means[good], 1e-9)
     offset = np.average(hypotheses[good], axis=0, weights=weights)
     _, count, z, residual = _difference(points, offset, surface, pivot)
     return Registration(

@@ -3,8 +3,9 @@
 """A short-term map against the long-term map: how far the pose is off, or why that is not known.
 
 `register` searches a window around the prior in steps of whole cells with some of the points,
-refines the best basins below the size of a cell, and the best of them with all points. What the
-surroundings do not observe (the way along a flat street) gets no information and no correction.
+refines the best basins below the size of a cell, and the best of them with all points (3000 of
+them, where there are more). What the surroundings do not observe (the way along a flat street)
+gets no information and no correction.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ _BASINS = 8  # that are refined
 _APART = 2  # [cells, steps of yaw] of two basins in the search
 _DISTINCT = 1.5  # [cells] between the bottoms of two basins
 _COARSE_STEPS, _FINE_STEPS = (1 / 2, 1 / 4), (1 / 4, 1 / 8, 1 / 16, 1 / 32)  # [cells]
+_FINE_POINTS = 3000  # of the last pass at most
 _PENALTY = 0.003  # [clip] that a hypothesis one standard deviation from the prior costs
 SIGMAS = 3.0
 """Standard deviations of the prior that are searched."""
@@ -134,11 +136,12 @@ def register(
         matching.match(few, bottom, surface, pivot, cost).score for bottom in bottoms
     ]) + _penalty(bottoms, precision, cost)  # fmt: skip
     best = int(scores.argmin())
+    most = points.some(search_points(points, _FINE_POINTS))
     offset = matching.descend(
-        points, bottoms[best], np.outer(_FINE_STEPS, scale), surface, pivot, cost
+        most, bottoms[best], np.outer(_FINE_STEPS, scale), surface, pivot, cost
     )
     found = matching.match(points, offset, surface, pivot, cost)
-    values, directions = curvature(points, offset, surface, pivot, cost, scale)
+    values, directions = curvature(most, offset, surface, pivot, cost, scale)
     is_observed = values > 2 * params.min_curvature
     directions, values = directions[:, is_observed], values[is_observed]
     information = _information(values, directions, scale)
