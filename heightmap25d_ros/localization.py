@@ -98,6 +98,11 @@ class Localizer:
         self._torn_ns = (0, 0)
         self._waiting_pose = self._said
 
+    def set_params(self, params: Params) -> None:
+        """Go on with other parameters; the pose stays, and so does what was seen."""
+        self._params = params
+        self._tracker.set_params(params)
+
     @property
     def scan_topics(self) -> tuple[str, ...]:
         """The topics that `take_scan` knows."""

@@ -364,6 +364,9 @@ class RegistrationParams(_Section):
         0.85, "score over that of the second-best basin above which it is refused",
         low=0.0, high=1.0,
     )  # fmt: skip
+    max_search_ratio: float = _parameter(
+        0.7, "the same for a search of the whole map", low=0.0, high=1.0
+    )
     max_deviation: float = _parameter(
         4.0, "standard deviations from the prior beyond which it is refused", low=0.5, high=100.0
     )
@@ -485,7 +488,7 @@ def flatten(params: Params) -> dict[str, tuple[Spec, Value]]:
 _LIVE = (
     "sensor.min_range", "sensor.max_range", "sensor.clearing_range", "sensor.min_height",
     "sensor.max_height", "traversability.", "planner.", "planning.", "mapping.publish_rate",
-    "mapping.max_cells", "mapping.map_directory", "mapping.autosave",
+    "mapping.max_cells", "mapping.map_directory", "mapping.autosave", "registration.",
 )  # fmt: skip
 
 

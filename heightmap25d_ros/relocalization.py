@@ -78,7 +78,7 @@ def relocalize(
         reason = Reason.LITTLE_OVERLAP
     elif found.residual > params.max_residual:
         reason = Reason.HIGH_RESIDUAL
-    elif ratio > params.max_ratio:
+    elif ratio > params.max_search_ratio:
         reason = Reason.AMBIGUOUS
     return Registration(
         reason=reason, offset=bottoms[best], z=found.z, information=np.zeros((3, 3)),

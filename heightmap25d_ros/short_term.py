@@ -147,13 +147,15 @@ class ShortTermMaps:
 
     Attributes
     ----------
+    params : Params
+        Of the maps that are to come.
     way : float [m]
         Driven so far.
     """
 
     def __init__(self, params: Params) -> None:
         self.way = 0.0
-        self._params = params
+        self.params = params
         self._stamp_ns = 0
         self._T_odom_base: se3.Matrix | None = None
         self._maps: list[ShortTermMap] = []
@@ -165,7 +167,7 @@ class ShortTermMaps:
 
     def integrate(self, beams: Beams, T_odom_base: se3.Matrix, stamp_ns: int) -> None:
         """Merge beams, in odom, taken at a pose (4, 4) of the robot."""
-        params = self._params.short_term
+        params = self.params.short_term
         if self._T_odom_base is not None:
             self.way += way_between(self._T_odom_base, T_odom_base)
         self._T_odom_base, self._stamp_ns = T_odom_base, stamp_ns
@@ -174,7 +176,7 @@ class ShortTermMaps:
             self._maps.pop(0)
         if not self._maps or self.way - self._maps[-1].way >= spacing:
             self._maps.append(
-                ShortTermMap(T_odom_base[:3, 3].copy(), self.way, stamp_ns, self._params)
+                ShortTermMap(T_odom_base[:3, 3].copy(), self.way, stamp_ns, self.params)
             )
         for short_term_map in self._maps:
             short_term_map.integrate(beams, self.way)
@@ -183,7 +185,7 @@ class ShortTermMaps:
         """The oldest one, if it is old and full enough."""
         if not self._maps:
             return None
-        oldest, params = self._maps[0], self._params.short_term
+        oldest, params = self._maps[0], self.params.short_term
         is_old = (
             self.way - oldest.way >= params.mature_way
             or self._stamp_ns - oldest.stamp_ns >= params.mature_time * 1e9

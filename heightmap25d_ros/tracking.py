@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from heightmap25d_ros import se3
 from heightmap25d_ros.health import Health, State
 from heightmap25d_ros.matching import Points, Surface
-from heightmap25d_ros.params import Params
 from heightmap25d_ros.paper_registration import register_by_paper
+from heightmap25d_ros.params import Params
 from heightmap25d_ros.pose_filter import PoseFilter, moved
 from heightmap25d_ros.registration import Reason, Registration, points_of, register
 from heightmap25d_ros.relocalization import relocalize
@@ -105,6 +105,11 @@ class Tracker:
         self._T_odom_base: se3.Matrix | None = None
         self._is_search_wanted = False
         self.set_pose(T_map_odom, covariance)
+
+    def set_params(self, params: Params) -> None:
+        """Go on with other parameters; short-term maps take them when they begin."""
+        self._params = params
+        self._short_term.params = params
 
     def set_pose(self, T_map_odom: se3.Matrix, covariance: Array) -> None:
         """The robot is somewhere else than was thought."""

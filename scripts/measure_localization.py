@@ -30,6 +30,7 @@ from heightmap25d_ros.health import State
 from heightmap25d_ros.localization import Localizer
 from heightmap25d_ros.mapping import Mapping
 from heightmap25d_ros.params import Params, with_values
+from heightmap25d_ros.simulation import recording
 from heightmap25d_ros.tracking import Attempt, Kind
 
 WORLDS = ("room", "ramp", "rough", "street")
@@ -82,8 +83,6 @@ def main() -> None:
 def events_of(bags: Path, world: str, seed: int, drive: int) -> list[Event]:
     path = bags / f"{world}_{seed}_{drive}"
     if not path.exists():
-        from heightmap25d_ros.simulation import recording
-
         recording.simulate(world, seed, path, drive=drive)
     with Bag(path) as bag:
         return list(bag.events([*SCANS, "/odom", "/ground_truth", "/tf_static"]))
@@ -287,12 +286,16 @@ def kidnap(
         else:
             attempts = localizer.take_scan(event.topic, event.message)
         # What it believed at first may track for a moment; a search must have ended.
-        if attempts and attempts[-1].kind is Kind.CONFIRMATION and localizer.state is State.TRACKING:
+        if (
+            attempts
+            and attempts[-1].kind is Kind.CONFIRMATION
+            and localizer.state is State.TRACKING
+        ):
             stamp = np.clip(attempts[-1].stamp_ns, truth[0][0], truth[0][-1])
             true = se3.interpolate(*truth, [stamp])
-            distance, _, yaw = trajectory_error.planar_errors(
-                attempts[-1].T_map_base[None], true
-            )[0]
+            distance, _, yaw = trajectory_error.planar_errors(attempts[-1].T_map_base[None], true)[
+                0
+            ]
             is_right = distance < RIGHT[0] and abs(yaw) < RIGHT[1]
             return ("right" if is_right else "wrong"), way, float(distance)
         if way > SEARCH_WAY:

@@ -224,5 +224,3 @@ def test_a_bad_map_ends_the_node_with_one_line(what, room_map, tmp_path):
     assert process.returncode == 2
     assert log.count("error:") == 1
     assert str(directory) in log
-
-

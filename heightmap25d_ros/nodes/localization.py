@@ -5,14 +5,13 @@
 from __future__ import annotations
 
 import sys
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
 from nav_msgs.msg import Odometry
-from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
@@ -22,10 +21,11 @@ from heightmap25d_ros import map_io, messages
 from heightmap25d_ros.health import State
 from heightmap25d_ros.localization import Localizer, Pose, compile_kernels
 from heightmap25d_ros.nodes import process
+from heightmap25d_ros.nodes.managed import ManagedNode
 from heightmap25d_ros.tracking import Attempt
 
 
-class LocalizationNode(Node):
+class LocalizationNode(ManagedNode):
     """Thin: hands messages to `Localizer`, and publishes what it makes of them.
 
     Poses are published as odometry comes, ``transform_rate`` times a second of its time, and
@@ -33,48 +33,74 @@ class LocalizationNode(Node):
     """
 
     def __init__(self) -> None:
-        super().__init__("localization", automatically_declare_parameters_from_overrides=True)
-        self._params = process.declare_params(self)
-        self._frame = self._params.mapping.map_frame
-        self._localizer = Localizer(self._params)
+        super().__init__("localization")
+
+    def set_up(self) -> None:
+        """Make the localizer, with the map of a directory, and what tells of the pose."""
+        self._frame = self.params.mapping.map_frame
+        self._localizer = Localizer(self.params)
         self._state = State.DEGRADED
+        self._last: Attempt | None = None
         self._period = self._published_ns = 0
-        self._reported = 0
-        directory = self._params.localization.map_directory
+        directory = self.params.localization.map_directory
         if directory:
-            path, threshold = Path(directory), self._params.mapper.probability_threshold
-            self._localizer.set_long_term(map_io.load_in(path, threshold, self._frame))
-        compile_kernels(self._params)
-        self._correction_publisher = self.create_publisher(
+            threshold = self.params.mapper.probability_threshold
+            self._localizer.set_long_term(map_io.load_in(Path(directory), threshold, self._frame))
+        compile_kernels(self.params)
+        self._correction_publisher = self.create_lifecycle_publisher(
             PoseWithCovarianceStamped, "pose_correction", 10
         )
-        self._pose_publisher = self.create_publisher(PoseWithCovarianceStamped, "pose", 10)
-        self._transform_publisher = self.create_publisher(TFMessage, "/tf", 100)
-        self._grid_publisher = self.create_publisher(HeightGrid, "short_term_grid", process.LATCHED)
-        self._status_publisher = self.create_publisher(
+        self._pose_publisher = self.create_lifecycle_publisher(
+            PoseWithCovarianceStamped, "pose", 10
+        )
+        self._transform_publisher = self.create_lifecycle_publisher(TFMessage, "/tf", 100)
+        self._grid_publisher = self.create_lifecycle_publisher(
+            HeightGrid, "short_term_grid", process.LATCHED
+        )
+        self._status_publisher = self.create_lifecycle_publisher(
             LocalizationStatus, "~/status", process.LATCHED
         )
-        self._publish_status(None)
-        self._subscribe(is_map_known=bool(directory))
-        self.create_service(Trigger, "~/relocalize", self._relocalize)
-        wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(process.REPORT_PERIOD, self._report_drops, clock=wall_clock)
 
-    def _subscribe(self, *, is_map_known: bool) -> None:
-        for topic in self._params.intake.scan_topics:
-            self.create_subscription(LaserScan, topic, self._on_scan_of(topic), process.SCANS)
-        self.create_subscription(Odometry, "odom", self._on_odometry, 100)
-        self.create_subscription(
-            PoseWithCovarianceStamped, "initialpose", self._on_initial_pose, 10
-        )
-        self.create_subscription(TFMessage, "/tf", self._on_transforms, 100)
-        self.create_subscription(
+    def start(self) -> None:
+        """Hear the robot, and publish."""
+        for topic in self.params.intake.scan_topics:
+            self.subscribe(LaserScan, topic, self._on_scan_of(topic), process.SCANS, is_needed=True)
+        self.subscribe(Odometry, "odom", self._on_odometry, 100, is_needed=True)
+        self.subscribe(PoseWithCovarianceStamped, "initialpose", self._on_initial_pose, 10)
+        self.subscribe(TFMessage, "/tf", self._on_transforms, 100)
+        self.subscribe(
             TFMessage, "/tf_static", self._on_static_transforms, process.STATIC_TRANSFORMS
         )
-        if not is_map_known:
-            self.create_subscription(
-                HeightGrid, "long_term_grid", self._localizer.take_long_term, process.LATCHED
-            )
+        if not self.params.localization.map_directory:
+            self.subscribe(
+                HeightGrid, "long_term_grid", self._localizer.take_long_term, process.LATCHED,
+                is_needed=True,
+            )  # fmt: skip
+        self.create_service(Trigger, "~/relocalize", self._relocalize)
+        self._publish_status(self._last)
+
+    def take_params(self) -> None:
+        """Go on with other parameters."""
+        self._localizer.set_params(self.params)
+
+    @property
+    def dropped(self) -> Counter[str]:
+        """How many messages were not used, by reason."""
+        return self._localizer.dropped
+
+    def figures(self) -> dict[str, Any]:
+        """What /diagnostics tells of the pose."""
+        figures: dict[str, Any] = {"localization": self._localizer.state.name}
+        if self._last is not None:
+            found, (position, yaw) = self._last.registration, self._last.deviation
+            figures |= {
+                "last registration": f"{self._last.kind.value}: {found.reason.value}",
+                "overlap": round(found.overlap, 2),
+                "residual [m]": round(found.residual, 3),
+                "deviation of position [m]": round(position, 3),
+                "deviation of yaw [rad]": round(yaw, 4),
+            }
+        return figures
 
     def _on_scan_of(self, topic: str) -> Callable[[LaserScan], None]:
         return lambda message: self._publish(self._localizer.take_scan(topic, message))
@@ -94,6 +120,7 @@ class LocalizationNode(Node):
 
     def _publish(self, attempts: list[Attempt]) -> None:
         for attempt in attempts:
+            self._last = attempt
             self._publish_status(attempt)
         if attempts and self._grid_publisher.get_subscription_count():
             self._publish_short_term(attempts[-1])
@@ -101,7 +128,7 @@ class LocalizationNode(Node):
         if pose is None:
             return
         # Periods are counted from zero: so the rate holds on average, whatever odometry's is.
-        period = int(pose.stamp_ns * 1e-9 * self._params.localization.transform_rate)
+        period = int(pose.stamp_ns * 1e-9 * self.params.localization.transform_rate)
         if period != self._period or (attempts and pose.stamp_ns != self._published_ns):
             self._period, self._published_ns = period, pose.stamp_ns
             self._publish_pose(pose)
@@ -115,7 +142,7 @@ class LocalizationNode(Node):
             messages.fill_pose(message, T, pose.covariance, pose.stamp_ns, self._frame)
             publisher.publish(message)
         transform = TransformStamped()
-        ahead = round(self._params.localization.transform_tolerance * 1e9)
+        ahead = round(self.params.localization.transform_tolerance * 1e9)
         messages.fill_transform(
             transform, pose.T_map_odom, pose.stamp_ns + ahead, self._frame, pose.odom_frame
         )
@@ -152,9 +179,6 @@ class LocalizationNode(Node):
             else "there is no long-term map yet"
         )
         return response
-
-    def _report_drops(self) -> None:
-        self._reported = process.report_drops(self, self._localizer.dropped, self._reported)
 
 
 def main() -> int:

@@ -15,12 +15,12 @@ from nav_msgs.msg import OccupancyGrid, Odometry
 from nav_msgs.srv import GetMap
 from rclpy.clock import Clock, ClockType
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import LaserScan, PointCloud2, PointField
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
 from heightmap25d_msgs.msg import HeightGrid as HeightGridMessage
+from heightmap25d_msgs.msg import LocalizationStatus
 from heightmap25d_msgs.srv import LoadMap, SaveMap
 from heightmap25d_ros import map_io, messages
 from heightmap25d_ros.errors import InputError
@@ -31,8 +31,6 @@ from heightmap25d_ros.nodes import process
 from heightmap25d_ros.nodes.managed import REPORT_PERIOD, ManagedNode
 from heightmap25d_ros.traversability import ObstacleMap
 
-# As qos_profile_sensor_data, but deep enough for the scans that come while a map is converted.
-_SCANS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 _Maps = tuple[HeightMap, ObstacleMap]
 _MAPS = {
     "height_grid": HeightGridMessage,
@@ -77,14 +75,19 @@ class MappingNode(ManagedNode):
     def start(self) -> None:
         """Hear the robot, and publish."""
         for topic in self.params.intake.scan_topics:
-            self.subscribe(LaserScan, topic, self._on_scan_of(topic), _SCANS, is_needed=True)
+            self.subscribe(LaserScan, topic, self._on_scan_of(topic), process.SCANS, is_needed=True)
         self.subscribe(Odometry, "odom", self._on_odometry, 100, is_needed=True)
         self.subscribe(
             PoseWithCovarianceStamped, "pose_correction", self._mapping.take_correction, 10
         )
+        self.subscribe(
+            LocalizationStatus, "localization/status", self._mapping.take_localization_status,
+            process.LATCHED,
+        )  # fmt: skip
         self.subscribe(TFMessage, "/tf", self._on_transforms, 100)
-        static_qos = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self.subscribe(TFMessage, "/tf_static", self._on_static_transforms, static_qos)
+        self.subscribe(
+            TFMessage, "/tf_static", self._on_static_transforms, process.STATIC_TRANSFORMS
+        )
         self._start_publishing()
 
     def _start_publishing(self) -> None:
@@ -192,11 +195,9 @@ class MappingNode(ManagedNode):
 
     def _load(self, name: str) -> None:
         path = self._path(name)
-        loaded = map_io.load(path, self.params.mapper.probability_threshold)
-        if loaded.frame_id != self._frame:
-            raise InputError(f"{path}: frame_id is {loaded.frame_id!r}, not {self._frame!r}")
+        height_map = map_io.load_in(path, self.params.mapper.probability_threshold, self._frame)
         try:
-            self._mapping.clear(loaded.height_map)
+            self._mapping.clear(height_map)
         except ValueError as error:
             raise InputError(f"{path}: {error}") from None
         self._version += 1

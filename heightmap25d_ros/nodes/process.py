@@ -14,7 +14,7 @@ import rclpy
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
 from heightmap25d_ros.errors import InputError
@@ -22,6 +22,13 @@ from heightmap25d_ros.nodes.managed import ManagedNode
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Of maps and plans: reliable, and who comes late gets the last one."""
+
+STATIC_TRANSFORMS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""Of /tf_static."""
+
+SCANS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""As qos_profile_sensor_data, but deep enough for the scans that come while a map is converted
+or searched."""
 
 _LONGEST_WAIT = 0.1  # [s] until a signal is seen where no message comes
 
