@@ -14,6 +14,7 @@ from pathlib import Path
 
 import conversion
 import localization
+import localization_node
 import mapping
 import memory
 import messages
@@ -59,6 +60,7 @@ TARGETS = {
     ("localization", "ours: 95 % of errors [m]"): ("<=", 0.06),
     ("localization", "ours: median error of yaw [deg]"): ("<=", 0.2),
     ("localization", "ours: failures"): ("<=", 0.0),
+    ("localization node", "not tracking at the end"): ("<=", 0.0),
     ("planning node", "goals without a path"): ("<=", 0.0),
 }
 
@@ -73,6 +75,7 @@ def main() -> None:
         "localization": localization.measure(),
         "node": node.measure(),
         "planning node": planning_node.measure(),
+        "localization node": localization_node.measure(),
         "messages": messages.measure(),
         "command line": command_line(),
     }

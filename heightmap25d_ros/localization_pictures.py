@@ -87,7 +87,7 @@ def score_surface(
         hypothesis = offset + (dx, dy, turn)
         return matching.match(attempt.points, hypothesis, surface, attempt.pivot, cost).score
 
-    figure = Figure(figsize=(12.0, 5.0))
+    figure = Figure(figsize=(12.0, 4.6), layout="constrained")
     plan, cut = figure.subplots(1, 2)
     scores = np.array([[score(dx, dy, 0.0) for dx in along] for dy in along])
     image = plan.imshow(scores, origin="lower", extent=(-_REACH, _REACH) * 2, cmap="viridis")
@@ -106,4 +106,4 @@ def _mark_prior(axes: Axes, offset: Array) -> None:
     axes.plot(0.0, 0.0, "o", color="#c020d0", label="registered")
     if np.abs(offset[:2]).max() < _REACH:
         axes.plot(-offset[0], -offset[1], "x", color="#e4572e", label="prior")
-    axes.legend(loc="upper right", frameon=True)
+    axes.legend(loc="lower right", frameon=True)

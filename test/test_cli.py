@@ -165,3 +165,55 @@ def test_the_nodding_laser_sees_the_corridors_floor_and_no_ceiling(capsys, tmp_p
     assert np.abs(np.nanmedian(floor)) < 0.03
     assert np.nanmax(np.abs(floor)) < 0.10
     assert np.nanmax(heights) < 1.9
+
+
+@pytest.fixture(scope="module")
+def localized(tmp_path_factory):
+    """The lap of bags/room_1 in a map of the same drive with true poses."""
+    directory, bag = tmp_path_factory.mktemp("localized"), ROOT / "bags" / "room_1"
+    truth = ["--odom-topic", "/ground_truth"]
+    assert cli.main(["map", str(bag), "-o", str(directory / "map"), *truth]) == 0
+    arguments = ["localize", str(bag), "--map", str(directory / "map"), "-o", str(directory / "out")]
+    assert cli.main(arguments) == 0
+    return directory, arguments
+
+
+def test_localize_writes_trajectory_registrations_and_pictures(localized):
+    directory, _ = localized
+    out = directory / "out"
+    rows = map_io.read_tum(out / "trajectory.tum")
+    truth = map_io.read_tum(directory / "map" / "trajectory.tum")
+    assert np.linalg.norm(rows[-1, 1:4] - truth[-1, 1:4]) < 0.05
+    lines = (out / "registrations.csv").read_text().splitlines()
+    assert lines[0].split(",")[:4] == ["t", "kind", "reason", "state"]
+    assert len(lines) > 80
+    for name in ("trajectories.png", "errors.png", "score.png"):
+        with Image.open(out / name) as picture:
+            assert min(picture.size) > 300
+
+
+def test_localize_is_deterministic_and_tells_its_error(capsys, tmp_path, localized):
+    directory, arguments = localized
+    status, figures, _ = run(capsys, *arguments[:-1], tmp_path)
+    assert status == 0
+    for name in ("trajectory.tum", "registrations.csv"):
+        assert (tmp_path / name).read_bytes() == (directory / "out" / name).read_bytes()
+    assert figures["state"] == "TRACKING"
+    assert figures["corrected"]["planar_max"] < 0.1 < figures["odometry alone"]["planar_max"]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{1: "/nowhere"}, {3: "/nowhere"}, {3: str(RAMP)}],
+)
+def test_localize_refuses_what_it_cannot_read(capsys, localized, change):
+    arguments = dict(enumerate(localized[1])) | change
+    status, _, error = run(capsys, *arguments.values())
+    assert status == 2
+    assert error.count("\n") == 1
+
+
+def test_localize_refuses_a_bad_initial_pose(capsys, localized):
+    status, _, error = run(capsys, *localized[1], "--initial", "1,2")
+    assert status == 2
+    assert "x,y,z,yaw" in error

@@ -159,7 +159,8 @@ class LocalizationNode(ManagedNode):
         """Of an attempt; None: of a pose that was said from outside, or of the beginning."""
         state = self._localizer.state
         message: Any = LocalizationStatus(state=int(state), reason="no registration yet")
-        messages.fill_header(message.header, self._localizer.stamp_ns, self._frame)
+        stamp = self._localizer.stamp_ns if attempt is None else attempt.stamp_ns
+        messages.fill_header(message.header, stamp, self._frame)
         if attempt is not None:
             found = attempt.registration
             message.reason = f"{attempt.kind.value}: {found.reason.value}"
