@@ -390,7 +390,7 @@ class LocalizationParams(_Section):
         0.1, "standard deviation of the yaw at the start", "rad", low=0.001, high=3.1416
     )
     position_drift: float = _parameter(
-        0.05, "standard deviation that a metre of way adds to x and y", "m", low=0.0, high=1.0
+        0.08, "standard deviation that a metre of way adds to x and y", "m", low=0.0, high=1.0
     )
     yaw_drift: float = _parameter(
         0.01, "standard deviation that a metre of way adds to the yaw", "rad", low=0.0, high=1.0
