@@ -173,7 +173,14 @@ def localized(tmp_path_factory):
     directory, bag = tmp_path_factory.mktemp("localized"), ROOT / "bags" / "room_1"
     truth = ["--odom-topic", "/ground_truth"]
     assert cli.main(["map", str(bag), "-o", str(directory / "map"), *truth]) == 0
-    arguments = ["localize", str(bag), "--map", str(directory / "map"), "-o", str(directory / "out")]
+    arguments = [
+        "localize",
+        str(bag),
+        "--map",
+        str(directory / "map"),
+        "-o",
+        str(directory / "out"),
+    ]
     assert cli.main(arguments) == 0
     return directory, arguments
 

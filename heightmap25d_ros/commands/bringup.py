@@ -21,7 +21,7 @@ from heightmap25d_ros.commands.command import (
     read_params,
 )
 
-NODES = ("mapping", "planning", "simulator")
+NODES = ("mapping", "planning", "localization", "simulator")
 DEFAULT = ("mapping", "planning")
 EXIT_NODE_DIED = 1
 
@@ -75,6 +75,8 @@ def _started(name: str, options: argparse.Namespace) -> subprocess.Popen[bytes]:
     if options.map and name == "mapping":
         path = options.map.resolve()
         values |= {"mapping.map_directory": str(path.parent), "mapping.initial_map": path.name}
+    if options.map and name == "localization":
+        values["localization.map_directory"] = str(options.map.resolve())
     arguments = ["-r", f"__ns:=/{options.namespace.strip('/')}"]
     for topic in ("tf", "tf_static"):
         arguments += ["-r", f"/{topic}:={topic}"]
