@@ -27,6 +27,7 @@ from heightmap25d_ros.transforms import JUMP_BACK_NS
 Array = NDArray[np.float64]
 
 _STILL = 0.01  # [m/s] of way below which the robot stands; nothing is corrected then
+_LEAST_COVARIANCE = np.diag(np.square([0.01, 0.01, 0.001]))  # nobody is surer of a pose
 _AROUND = 2  # [cells] around a place that tell the height of the ground there
 
 
@@ -197,8 +198,9 @@ class Localizer:
         if pose is None or covariance is None:
             return
         x, y, z, _, _, yaw = se3.to_xyz_rpy(pose)
-        if not covariance.any():
-            covariance = self._initial_covariance
+        covariance = (
+            covariance + _LEAST_COVARIANCE if covariance.any() else self._initial_covariance
+        )
         self._waiting_pose = np.array([x, y, self._ground(x, y, z), yaw]), covariance
         if self._odometry is not None:
             self._set_pose(*self._waiting_pose)

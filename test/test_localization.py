@@ -219,6 +219,18 @@ def test_initial_pose_searches_as_far_as_its_covariance(start, room):
     assert not ends["narrow"][1]
 
 
+def test_an_initial_pose_that_is_sure_of_one_axis_is_usable(start, room):
+    sure = np.zeros((6, 6))
+    sure[0, 0] = 0.25
+
+    def begin(localizer):
+        localizer.take_initial_pose(initial_pose((0.0, 0.0, 0.0), 0.0, sure))
+
+    driven = drive(start[: len(start) // 3], room, begin=begin)
+    assert driven.attempts
+    assert np.isfinite(driven.poses).all()
+
+
 @pytest.mark.parametrize(
     ("message", "reason"),
     [
