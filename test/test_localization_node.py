@@ -13,6 +13,7 @@ from bag_writer import laser_scan, odometry, rclpy_type
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from localization_bags import BAGS, events_of, heights, map_of_another_drive, truth_of
 from node_client import LATCHED, PATIENCE, Client, mapping_node, start
+from scipy.ndimage import binary_dilation
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
@@ -20,6 +21,7 @@ from heightmap25d_msgs.msg import HeightGrid, LocalizationStatus
 from heightmap25d_ros import messages, se3
 
 SECONDS = 12.0
+CELL = 0.125
 SCANS = ("-p", "intake.scan_topics:=[scan, scan_down]")
 MOUNT = ("-p", "intake.mounts:=[0.0, 0.0, 0.5, 0.0, 0.0, 0.0]")
 TRACKING, DEGRADED, LOST = (
@@ -131,18 +133,19 @@ def test_the_short_term_grid_is_a_map_in_odom(driven):
 
 
 def test_mapping_takes_the_corrections(driven, room_map):
-    """Its map, made with drifting odometry, lies on the long-term map."""
+    """Its map, made on drifting odometry: what stands, stands where it does in the long-term map.
+
+    Measured: all of it; of a map made without corrections two thirds.
+    """
     built, reference = messages.height_map(driven.newest["height_grid"]), heights(room_map)
-    offset = (np.array(built.geometry.origin) - reference.geometry.origin) / 0.125
-    dx, dy = np.rint(offset).astype(int)
-    rows, columns = np.nonzero(built.known)
-    inside = reference.geometry.contains(np.stack([rows + dy, columns + dx], axis=-1))
-    rows, columns = rows[inside], columns[inside]
-    both = reference.known[rows + dy, columns + dx]
-    rows, columns = rows[both], columns[both]
-    difference = reference.height[rows + dy, columns + dx] - built.height[rows, columns]
-    assert len(rows) > 2000
-    assert (np.abs(difference) <= 10).mean() > 0.93
+    dx, dy = np.rint((np.array(built.geometry.origin) - reference.geometry.origin) / CELL).astype(
+        int
+    )
+    stands = binary_dilation(reference.known & (reference.height > 25), np.ones((3, 3)))
+    cells = np.argwhere(built.known & (built.height > 25)) + (dy, dx)
+    rows, columns = cells[reference.geometry.contains(cells)].T
+    assert len(rows) > 400
+    assert stands[rows, columns].mean() > 0.97
 
 
 def test_mapping_does_not_write_while_localization_is_lost(tmp_path):

@@ -15,7 +15,10 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability, QosReliability
 
 from heightmap25d_ros.cli import main
+from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.simulation import recording
 from heightmap25d_ros.simulation.recording import BUILDERS
+from heightmap25d_ros.simulation.worlds import distance_to_way
 
 BAGS = Path(__file__).parent.parent / "bags"
 
@@ -184,3 +187,16 @@ def test_box_that_goes_is_marked_and_not_in_the_truth() -> None:
 
 def test_recordings_stay_small() -> None:
     assert sum(p.stat().st_size for p in BAGS.rglob("*") if p.is_file()) < 25e6
+
+
+@pytest.mark.parametrize("world", sorted(BUILDERS))
+def test_another_drive_is_another_way_beside_the_first(world: str) -> None:
+    first = recording.world_of(world, 2)
+    assert recording.another_drive(first, 2, 0) is first
+    other = recording.another_drive(first, 2, 1)
+    assert other.solids is first.solids
+    aside = distance_to_way(first.way, other.way[:, 0], other.way[:, 1])
+    assert np.abs(other.way[0]).max() < 1e-9
+    assert 0.08 < aside.max() <= 0.2 + 1e-6
+    with pytest.raises(InputError):
+        recording.another_drive(first, 2, -1)
