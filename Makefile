@@ -2,13 +2,16 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := build
-.PHONY: build demo test bench bags lint clean
+.PHONY: build demo demo-loop test bench bags lint clean
 
 build: ## ROS 2 Jazzy, the Python packages, and both ROS packages under install/
 	@scripts/setup.sh
 
 demo: build ## a recorded bag through the real nodes to a map, under out/demo/
 	@source env.sh && python scripts/demo.py
+
+demo-loop: build ## a simulated robot maps a ramp, plans and drives back over it; out/closed_loop/
+	@source env.sh && python scripts/closed_loop.py
 
 test: build ## the tests
 	@source env.sh && python -m pytest test

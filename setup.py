@@ -39,6 +39,7 @@ setup(
     zip_safe=True,
     entry_points={
         "console_scripts": [
+            "driver = heightmap25d_ros.nodes.driver:main",
             "heightmap25d = heightmap25d_ros.cli:main",
             "localization = heightmap25d_ros.nodes.localization:main",
             "mapping = heightmap25d_ros.nodes.mapping:main",

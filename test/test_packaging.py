@@ -17,7 +17,9 @@ from catkin_pkg.package import Package, parse_package
 
 ROOT = Path(__file__).resolve().parent.parent
 NAME = "heightmap25d_ros"
-EXECUTABLES = {"heightmap25d", "localization", "mapping", "planning", "replay", "simulator"}
+EXECUTABLES = {
+    "driver", "heightmap25d", "localization", "mapping", "planning", "replay", "simulator",
+}  # fmt: skip
 
 # A module imports only modules before it; those of nodes/ and simulation/ also one another.
 ORDER = [

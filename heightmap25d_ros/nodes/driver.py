@@ -1,0 +1,79 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The simulated robot's driver: a plan in, cmd_vel out, by plain pure pursuit.
+
+It belongs to the simulator and is no controller for a robot: it sees no obstacle by itself.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
+from nav_msgs.msg import Odometry, Path
+from rclpy.node import Node
+
+from heightmap25d_ros import messages
+from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.nodes import process
+from heightmap25d_ros.simulation.drive import Driver
+
+_SPEED = 1.0  # [m/s]
+
+
+class DriverNode(Node):
+    """Thin: hands poses to a `Driver` along the newest plan, and publishes its commands.
+
+    Without a plan, and at its end, the robot stands.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("driver", automatically_declare_parameters_from_overrides=True)
+        self._base_frame = process.declare_params(self).intake.base_frame
+        self._T_map_odom = np.eye(4)
+        self._driver: Driver | None = None
+        self._outlet = self.create_publisher(Twist, "cmd_vel", 10)
+        self.create_subscription(Path, "plan", self._on_plan, process.LATCHED)
+        self.create_subscription(Odometry, "odom", self._on_odometry, 10)
+        self.create_subscription(
+            PoseWithCovarianceStamped, "pose_correction", self._on_correction, 10
+        )
+
+    def _on_plan(self, message: Path) -> None:
+        places = [(stamped.pose.position.x, stamped.pose.position.y) for stamped in message.poses]
+        is_way = len(places) > 1 and bool(np.isfinite(places).all())
+        self._driver = Driver(np.array(places), _SPEED) if is_way else None
+
+    def _on_correction(self, message: PoseWithCovarianceStamped) -> None:
+        try:
+            self._T_map_odom = messages.pose(message.pose.pose, "pose.pose")
+        except InputError as error:
+            self._complain(error)
+
+    def _on_odometry(self, message: Odometry) -> None:
+        try:
+            odometry = messages.odometry(message)
+        except InputError as error:
+            self._complain(error)
+            return
+        if odometry.child_frame_id != self._base_frame:
+            return
+        speed, turn_rate = 0.0, 0.0
+        if self._driver is not None:
+            speed, turn_rate = self._driver.command(self._T_map_odom @ odometry.T)
+        command = Twist()
+        command.linear.x, command.angular.z = float(speed), float(turn_rate)
+        self._outlet.publish(command)
+
+    def _complain(self, error: InputError) -> None:
+        self.get_logger().warning(f"dropped: {error}", throttle_duration_sec=process.REPORT_PERIOD)
+
+
+def main() -> int:
+    """Run the node."""
+    return process.run(DriverNode)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

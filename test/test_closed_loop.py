@@ -1,0 +1,94 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Simulator, mapping, planning and driver over DDS: the robot goes where it is sent."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bag_writer import odometry, rclpy_type
+from geometry_msgs.msg import PoseStamped, Twist
+from nav_msgs.msg import Path as PathMessage
+from node_client import LATCHED, Client, node_process
+from PIL import Image
+
+from heightmap25d_ros import drivability
+
+ROOT = Path(__file__).parent.parent
+TRUTH = ROOT / "bags" / "ramp_1" / "truth" / "surface.npz"
+MS = 10**6
+
+
+def test_robot_maps_a_ramp_and_drives_back_over_it_to_its_goal(tmp_path):
+    done = subprocess.run(
+        [sys.executable, ROOT / "scripts" / "closed_loop.py", "-o", tmp_path, "--json"],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["arrived"] is True
+    assert found["status of the last plan"] == "NONE"
+    assert found["distance to the goal at the end [m]"] < 0.3
+    assert found["plans"] >= 1
+    # No detour worth the name; nothing that the robot does not climb.
+    straight = found["straight distance to the goal [m]"]
+    assert straight <= found["path length [m]"] + 0.3 < 1.2 * straight
+    assert found["largest true step under the robot [m]"] < 0.1
+    assert found["steepest true slope under the robot [deg]"] < 10.0
+    # The goal is on the landing, at ground zero; the yard is as deep as the world has it.
+    ground = drivability.read_ground(TRUTH)
+    yard = ground.height[tuple(ground.geometry.cell_at((24.5, -0.6)))]
+    assert found["climb [m]"] == pytest.approx(-yard, abs=0.05)
+    last = (tmp_path / "driven.tum").read_text().splitlines()[-1].split()
+    np.testing.assert_allclose([float(n) for n in last[1:4]], (3.0, 0.0, 0.0), atol=0.3)
+    assert (tmp_path / "map" / "map.pgm").exists()
+    with Image.open(tmp_path / "run.gif") as animation:
+        assert animation.n_frames > 20
+    assert (tmp_path / "run.gif").stat().st_size < 1_000_000
+
+
+def test_driver_follows_the_plan_and_stands_without_one():
+    client = Client("/driven")
+    commands = []
+    client.node.create_subscription(Twist, "cmd_vel", commands.append, 10)
+
+    def stand(x, y, yaw, stamp_ms):
+        """Be at a place until a command comes."""
+        commands.clear()
+        pose = odometry(stamp_ms * MS, (x, y, 0.0), type_of=rclpy_type)
+        rotation = pose.pose.pose.orientation
+        rotation.z, rotation.w = np.sin(yaw / 2), np.cos(yaw / 2)
+        client.publish("odom", pose)
+        client.wait(lambda: commands)
+        return commands[-1].linear.x, commands[-1].angular.z
+
+    way = PathMessage()
+    for x in (0.0, 2.0, 4.0):
+        stamped = PoseStamped()
+        stamped.pose.position.x = x
+        way.poses.append(stamped)
+    with node_process("driver", namespace="/driven"):
+        assert stand(0.0, 0.0, 0.0, 1) == (0.0, 0.0)
+        client.publish("plan", way, LATCHED)
+        client.spin(0.3)
+        speed, turn = stand(0.0, 0.0, 0.0, 2)
+        assert speed > 0.5
+        assert turn == 0.0
+        assert stand(1.0, 0.3, 0.0, 3)[1] < -0.1  # left of the way: to the right
+        assert stand(1.0, -0.3, 0.0, 4)[1] > 0.1
+        speed, turn = stand(1.0, 0.0, np.pi / 2, 5)
+        assert speed == 0.0  # first turns
+        assert turn < -0.5
+        for x in (2.0, 3.0):
+            assert stand(x, 0.0, 0.0, 6)[0] > 0.0
+        assert stand(4.0, 0.0, 0.0, 7) == (0.0, 0.0)
+        client.publish("plan", way, LATCHED)
+        client.spin(0.3)
+        assert stand(1.0, 0.0, 0.0, 8)[0] > 0.5
+        client.publish("plan", PathMessage(), LATCHED)
+        client.spin(0.3)
+        assert stand(1.0, 0.0, 0.0, 9) == (0.0, 0.0)
+    client.close()
