@@ -43,6 +43,7 @@ setup(
             "heightmap25d = heightmap25d_ros.cli:main",
             "localization = heightmap25d_ros.nodes.localization:main",
             "mapping = heightmap25d_ros.nodes.mapping:main",
+            "markers = heightmap25d_ros.nodes.markers:main",
             "planning = heightmap25d_ros.nodes.planning:main",
             "replay = heightmap25d_ros.nodes.replay:main",
             "simulator = heightmap25d_ros.nodes.simulator:main",

@@ -78,6 +78,25 @@ def faces(geometry: Geometry, metres: NDArray[np.float64], azimuth: float) -> Fa
     return Faces(corners=quads[visible], height=height[visible], shade=shade[visible])
 
 
+def all_faces(geometry: Geometry, metres: NDArray[np.float64]) -> Faces:
+    """The faces as of `faces` for viewers on any side, in no order.
+
+    Seen from outside, the corners of each go round against the clock.
+    """
+    parts = []
+    for azimuth, side in ((np.pi / 4, 1.0), (-3 * np.pi / 4, -1.0)):
+        seen = faces(geometry, metres, azimuth)
+        normal = np.cross(
+            seen.corners[:, 1] - seen.corners[:, 0], seen.corners[:, 2] - seen.corners[:, 1]
+        )
+        is_new = (normal[:, 2] == 0.0) | (side > 0.0)  # tops are the same from both sides
+        points_in = normal[:, :2].sum(axis=1) * side < 0.0
+        corners = np.where(points_in[:, None, None], seen.corners[:, ::-1], seen.corners)
+        parts.append((corners[is_new], seen.height[is_new], seen.shade[is_new]))
+    corners, height, shade = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    return Faces(corners=corners, height=height, shade=shade)
+
+
 def coarser(shown: HeightMap, max_cells: int) -> HeightMap:
     """The map in at most so many, larger cells, each as high as the highest known one in it."""
     rows, columns = shown.geometry.shape

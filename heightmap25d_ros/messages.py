@@ -415,6 +415,18 @@ def fill_transform(message: Any, T: se3.Matrix, stamp: int, parent: str, child: 
     _fill_rotation(message.transform.rotation, T)
 
 
+def fill_poses(
+    message: Any, pose_type: Any, poses: NDArray[np.float64], stamp: int, frame_id: str
+) -> None:
+    """Fill a geometry_msgs/PoseArray; parameters as of `fill_path`, with the class Pose."""
+    fill_header(message.header, stamp, frame_id)
+    for T in poses:
+        filled = pose_type()
+        _fill_position(filled.position, T)
+        _fill_rotation(filled.orientation, T)
+        message.poses.append(filled)
+
+
 def _fill_position(message: Any, T: se3.Matrix) -> None:
     message.x, message.y, message.z = map(float, T[:3, 3])
 

@@ -18,7 +18,8 @@ from catkin_pkg.package import Package, parse_package
 ROOT = Path(__file__).resolve().parent.parent
 NAME = "heightmap25d_ros"
 EXECUTABLES = {
-    "driver", "heightmap25d", "localization", "mapping", "planning", "replay", "simulator",
+    "driver", "heightmap25d", "localization", "mapping", "markers", "planning", "replay",
+    "simulator",
 }  # fmt: skip
 
 # A module imports only modules before it; those of nodes/ and simulation/ also one another.
@@ -32,6 +33,7 @@ ORDER = [
     "health", "pose_filter", "tracking", "localization",
     "bag", "atomic_directory", "map_io", "block_view", "render", "plan_view",
     "localization_pictures",
+    "display", "triangle_list",
     "evaluation", "reachability", "drivability", "trajectory_error",
     "simulation",
     "commands", "cli", "nodes",

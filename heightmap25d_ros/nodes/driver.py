@@ -16,7 +16,8 @@ from rclpy.node import Node
 
 from heightmap25d_ros import messages
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.nodes import process
+from heightmap25d_ros.nodes import parameters, process
+from heightmap25d_ros.nodes.managed import REPORT_PERIOD
 from heightmap25d_ros.simulation.drive import Driver
 
 _SPEED = 1.0  # [m/s]
@@ -30,7 +31,7 @@ class DriverNode(Node):
 
     def __init__(self) -> None:
         super().__init__("driver", automatically_declare_parameters_from_overrides=True)
-        self._base_frame = process.declare_params(self).intake.base_frame
+        self._base_frame = parameters.declare_params(self).intake.base_frame
         self._T_map_odom = np.eye(4)
         self._driver: Driver | None = None
         self._outlet = self.create_publisher(Twist, "cmd_vel", 10)
@@ -67,7 +68,7 @@ class DriverNode(Node):
         self._outlet.publish(command)
 
     def _complain(self, error: InputError) -> None:
-        self.get_logger().warning(f"dropped: {error}", throttle_duration_sec=process.REPORT_PERIOD)
+        self.get_logger().warning(f"dropped: {error}", throttle_duration_sec=REPORT_PERIOD)
 
 
 def main() -> int:

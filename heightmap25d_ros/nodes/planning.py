@@ -8,16 +8,20 @@ import sys
 from collections import Counter
 from typing import Any
 
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+import numpy as np
+from geometry_msgs.msg import Pose, PoseArray, PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry, Path
 from nav_msgs.srv import GetPlan
+from rclpy.clock import Clock, ClockType
 
 from heightmap25d_msgs.msg import HeightGrid, PlanStatus
-from heightmap25d_ros import messages
+from heightmap25d_ros import display, messages
 from heightmap25d_ros.nodes import process
 from heightmap25d_ros.nodes.managed import ManagedNode
 from heightmap25d_ros.planning import Planning, compile_kernels
 from heightmap25d_ros.route import Plan, Status
+
+_FIELD_PERIOD = 1.0  # [s] between two fields at the least
 
 
 class PlanningNode(ManagedNode):
@@ -35,6 +39,10 @@ class PlanningNode(ManagedNode):
         self._status_publisher = self.create_lifecycle_publisher(
             PlanStatus, "~/status", process.LATCHED
         )
+        self._field_publisher = self.create_lifecycle_publisher(
+            PoseArray, "~/field", process.LATCHED
+        )
+        self._unshown: Plan | None = None  # whose field has not been published
 
     def start(self) -> None:
         """Hear the map, the robot and its goals, and answer."""
@@ -45,6 +53,8 @@ class PlanningNode(ManagedNode):
             PoseWithCovarianceStamped, "pose_correction", self._planning.take_correction, 10
         )
         self.create_service(GetPlan, "~/get_plan", self._get_plan)
+        wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(_FIELD_PERIOD, self._publish_field, clock=wall_clock)
 
     def take_params(self) -> None:
         """Plan with other parameters, to the goal that is set as well."""
@@ -94,8 +104,22 @@ class PlanningNode(ManagedNode):
         )
         status.header = path.header
         self._status_publisher.publish(status)
+        self._unshown = plan
         if plan.status is not Status.NONE:
             self.get_logger().warning(f"no path: {plan.reason}")
+
+    def _publish_field(self) -> None:
+        """The newest plan's field, if somebody wants to see it."""
+        plan = self._unshown
+        if plan is None or not self._field_publisher.get_subscription_count():
+            return
+        self._unshown = None
+        poses = np.empty((0, 4, 4))
+        if plan.graph is not None and plan.cost_to_go is not None:
+            poses = display.field_arrows(plan.graph, plan.cost_to_go)
+        field, stamp = PoseArray(), self.get_clock().now().nanoseconds
+        messages.fill_poses(field, Pose, poses, stamp, self.params.mapping.map_frame)
+        self._field_publisher.publish(field)
 
     def _fill_path(self, path: Path, plan: Plan, stamp: int) -> None:
         frame = self.params.mapping.map_frame
