@@ -33,6 +33,7 @@ setup(
     ],
     extras_require={
         "simulation": ["mujoco >= 3.5, < 4"],
+        "view": ["rerun-sdk >= 0.23.1, < 0.42"],
         "test": ["pytest"],  # has colcon test run pytest
     },
     python_requires=">=3.10",

@@ -17,6 +17,7 @@ from heightmap25d_ros.commands import (
     maps,
     planning,
     simulation,
+    viewing,
 )
 from heightmap25d_ros.commands.command import Figures, NegativeResultError
 from heightmap25d_ros.errors import InputError
@@ -56,7 +57,7 @@ def _parser() -> argparse.ArgumentParser:
         "heightmap25d render out/ramp -o out/pictures",
     )
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for family in (mapping, localize, maps, planning, simulation, bringup):
+    for family in (mapping, localize, maps, planning, simulation, viewing, bringup):
         family.add_to(commands)
     return parser
 

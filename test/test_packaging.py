@@ -33,14 +33,14 @@ ORDER = [
     "health", "pose_filter", "tracking", "localization",
     "bag", "atomic_directory", "map_io", "block_view", "render", "plan_view",
     "localization_pictures",
-    "display", "triangle_list",
+    "display", "triangle_list", "scene_3d",
     "evaluation", "reachability", "drivability", "trajectory_error",
     "simulation",
     "commands", "cli", "nodes",
 ]  # fmt: skip
 
-# rosdep's name of what is imported under another name; rosbags and mujoco, an extra, have none,
-# and llvmlite comes with numba.
+# rosdep's name of what is imported under another name; rosbags and the extras, mujoco and rerun,
+# have none, and llvmlite comes with numba.
 ROSDEP_KEYS = {
     "llvmlite": None,
     "matplotlib": "python3-matplotlib",
@@ -48,6 +48,7 @@ ROSDEP_KEYS = {
     "numba": "python3-numba",
     "numpy": "python3-numpy",
     "mujoco": None,
+    "rerun": None,
     "rosbags": None,
     "scipy": "python3-scipy",
     "tqdm": "python3-tqdm",
