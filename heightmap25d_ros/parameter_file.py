@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters as text: ROS parameter files in and out, and the README's table."""
+"""Parameters as text: ROS parameter files in and out, and the table of docs/interface.md."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def as_yaml(params: Params) -> str:
 
 
 def as_markdown(params: Params) -> str:
-    """The parameters as a table for the README."""
+    """The parameters as a table for docs/interface.md."""
     lines = ["| parameter | default | unit | range | live | meaning |", "|---|---|---|---|---|---|"]
     for name, (spec, value) in flatten(params).items():
         range_text = spec.range_text.replace("|", "\\|")

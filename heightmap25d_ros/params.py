@@ -4,7 +4,7 @@
 
 One frozen section per module; the module takes its own section, the nodes declare ROS
 parameters from it (``section.name``), and `parameter_file` writes ``config/heightmap25d.yaml``
-and the README's table from it.
+and the table of docs/interface.md from it.
 """
 
 from __future__ import annotations

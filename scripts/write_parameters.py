@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Write config/heightmap25d.yaml and the README's table of parameters from params.py."""
+"""Write config/heightmap25d.yaml and the table in docs/interface.md from params.py."""
 
 import sys
 from pathlib import Path
@@ -16,10 +16,10 @@ BEGIN, END = "<!-- parameters: begin -->\n", "<!-- parameters: end -->\n"
 
 def main() -> None:
     (ROOT / "config" / "heightmap25d.yaml").write_text(as_yaml(Params()))
-    readme = ROOT / "README.md"
-    before, _, rest = readme.read_text().partition(BEGIN)
+    page = ROOT / "docs" / "interface.md"
+    before, _, rest = page.read_text().partition(BEGIN)
     _, _, after = rest.partition(END)
-    readme.write_text(before + BEGIN + as_markdown(Params()) + END + after)
+    page.write_text(before + BEGIN + as_markdown(Params()) + END + after)
 
 
 if __name__ == "__main__":

@@ -13,9 +13,9 @@ ROOT = Path(__file__).parent.parent
 CONFIG = ROOT / "config"
 
 
-def test_config_file_and_readme_are_current():
+def test_config_file_and_page_of_parameters_are_current():
     assert (CONFIG / "heightmap25d.yaml").read_text() == as_yaml(Params())
-    assert as_markdown(Params()) in (ROOT / "README.md").read_text()
+    assert as_markdown(Params()) in (ROOT / "docs" / "interface.md").read_text()
 
 
 def test_the_config_file_gives_the_defaults():

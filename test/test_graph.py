@@ -1,7 +1,8 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""rviz/heightmap25d.rviz against the graph of the running nodes, and the `markers` node."""
+"""RViz's configuration and docs/interface.md against the graph of the running nodes."""
 
+import re
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -16,8 +17,9 @@ from sensor_msgs.msg import PointCloud2
 from test_planning_node import grid
 from visualization_msgs.msg import Marker
 
-CONFIG = Path(__file__).parent.parent / "rviz" / "heightmap25d.rviz"
-NODES = ("mapping", "planning", "markers", "simulator")
+ROOT = Path(__file__).parent.parent
+CONFIG = ROOT / "rviz" / "heightmap25d.rviz"
+NODES = ("mapping", "planning", "markers", "simulator", "driver")
 TYPES = {
     "Map": "nav_msgs/msg/OccupancyGrid",
     "Marker": "visualization_msgs/msg/Marker",
@@ -31,6 +33,8 @@ TOOLS = {
     "SetGoal": "geometry_msgs/msg/PoseStamped",
     "SetInitialPose": "geometry_msgs/msg/PoseWithCovarianceStamped",
 }
+# What rclpy gives every node: parameters, logs, types.
+OF_EVERY_NODE = ("rcl_interfaces/", "type_description_interfaces/")
 OF_LOCALIZATION = {"/pose", "/initialpose"}
 
 
@@ -79,6 +83,37 @@ def test_goal_and_initial_pose_go_where_our_nodes_listen(graph):
         if topic["Value"] not in OF_LOCALIZATION:
             listeners = graph.get_subscriptions_info_by_topic(topic["Value"])
             assert [listener.topic_type for listener in listeners] == [kind]
+
+
+def documented(node):
+    """(direction, name without ~, type) of the tables of docs/interface.md."""
+    title = {"simulator": "simulator and driver", "driver": "simulator and driver"}.get(node, node)
+    page = (ROOT / "docs" / "interface.md").read_text()
+    section = page.partition(f"\n## {title}\n")[2].partition("\n## ")[0]
+    rows = re.findall(r"^\| (in|out|service) \| `([^`]+)` \| `([^`]+)` .*\|(.*)\|$", section, re.M)
+    own = "driver" if node == "driver" else ""
+    if title != node:
+        rows = [row for row in rows if (row[3].strip() == "driver") == bool(own)]
+    return {(way, absolute(node, name), kind) for way, name, kind, _ in rows}
+
+
+def absolute(node, name):
+    return name if name.startswith("/") else "/" + name.replace("~", node)
+
+
+@pytest.mark.parametrize("node", NODES)
+def test_interface_page_tells_what_a_node_has(graph, node):
+    found = {
+        (way, name, kind)
+        for way, listed in (
+            ("in", graph.get_subscriber_names_and_types_by_node(node, "/")),
+            ("out", graph.get_publisher_names_and_types_by_node(node, "/")),
+            ("service", graph.get_service_names_and_types_by_node(node, "/")),
+        )
+        for name, (kind,) in listed
+        if not kind.startswith(OF_EVERY_NODE)
+    }
+    assert found == documented(node)
 
 
 def test_blocks_and_frontier_come_to_whoever_subscribes():
