@@ -32,7 +32,7 @@ _FRONTIER, _WAY, _ROBOT = (255, 0, 200), (25, 255, 0), (220, 30, 30)
 _BODY_HEIGHT = 0.55
 """Of the box that stands for the robot [m]."""
 
-_EYE = (-0.12, -0.45, 0.4)
+_EYE = (-0.12, -0.55, 0.45)
 """Where the map is looked at from, off its middle, in its longest sides."""
 
 

@@ -5,10 +5,13 @@
 import importlib
 import re
 import shlex
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 import yaml
+from PIL import Image
 from test_packaging import EXECUTABLES
 
 from heightmap25d_ros import cli
@@ -115,6 +118,22 @@ def test_cheap_commands_do_what_they_say(page, tmp_path, monkeypatch, capsys):
         is_cheap = words[0] == "heightmap25d" and words[1] in CHEAP
         if is_cheap and Path(words[2]).exists() and "ramp" in str(words):
             assert cli.main(words[1:]) == 0, (words, capsys.readouterr().err)
+
+
+def test_pictures_of_the_tuning_page_are_those_of_the_script(tmp_path):
+    script = ROOT / "scripts" / "tuning_pictures.py"
+    subprocess.run(
+        [sys.executable, script, tmp_path, "climb_weight"], check=True, capture_output=True
+    )
+    with Image.open(tmp_path / "tuning_climb_weight.png") as picture:
+        assert min(picture.size) > 400
+    wrong = subprocess.run(
+        [sys.executable, script, tmp_path, "bogus"], capture_output=True, text=True, check=False
+    )
+    assert wrong.returncode == 2
+    names = wrong.stderr.partition("there are ")[2].strip().split(", ")
+    page = (ROOT / "docs" / "tuning.md").read_text()
+    assert sorted(names) == sorted(re.findall(r"\(tuning_(\w+)\.png\)", page))
 
 
 def test_blocks_of_yaml_are_yaml_and_ours_hold_known_parameters(tmp_path):

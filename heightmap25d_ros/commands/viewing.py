@@ -30,6 +30,8 @@ def add_to(commands: Any) -> None:
     """Add ``view``."""
     command = add_command(commands, "view", _view, "a map or a bag in 3-D (needs rerun)")
     command.add_argument("path", type=Path, metavar="DIR|BAG", help="map directory, or rosbag2")
+    command.add_argument("--odom-topic", metavar="T",
+                         help="of a bag (default: /odom, or the only one)")  # fmt: skip
     where = command.add_mutually_exclusive_group()
     where.add_argument("--save", type=Path, metavar="FILE.rrd",
                        help="write a recording for `rerun FILE.rrd`")  # fmt: skip
@@ -49,7 +51,10 @@ def _view(options: argparse.Namespace) -> Figures:
     if options.save and not options.save.parent.is_dir():
         raise InputError(f"{options.save.parent}: is not a directory")
     scene = Scene3d(options.path.name, settings.traversability, settings.planner, options.save)
-    figures = (_show_map if is_map else _show_bag)(scene, options.path, settings)
+    if is_map:
+        figures = _show_map(scene, options.path, settings)
+    else:
+        figures = _show_bag(scene, options.path, settings, options.odom_topic)
     if options.save is None and options.web is None:
         scene.open_window()
     if options.web is not None:
@@ -68,10 +73,10 @@ def _show_map(scene: Scene3d, path: Path, settings: Params) -> Figures:
     return {"map": str(path), "known cells": int(height_map.known.sum())}
 
 
-def _show_bag(scene: Scene3d, path: Path, settings: Params) -> Figures:
+def _show_bag(scene: Scene3d, path: Path, settings: Params, odom_topic: str | None) -> Figures:
     with Bag(path) as bag:
         settings = params.with_values(settings, {"intake.scan_topics": bag.scan_topics()})
-        odom_topic = bag.odometry_topic()
+        odom_topic = odom_topic or bag.odometry_topic()
         bag.require(odom_topic, ODOMETRY)
         mapping = Mapping(settings)
         way: list[Any] = []
