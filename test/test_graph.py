@@ -33,8 +33,10 @@ TOOLS = {
     "SetGoal": "geometry_msgs/msg/PoseStamped",
     "SetInitialPose": "geometry_msgs/msg/PoseWithCovarianceStamped",
 }
-# What rclpy gives every node: parameters, logs, types.
-OF_EVERY_NODE = ("rcl_interfaces/", "type_description_interfaces/")
+# Parameters, logs, types; life cycle; diagnostics.
+OF_EVERY_NODE = (
+    "rcl_interfaces/", "type_description_interfaces/", "lifecycle_msgs/", "diagnostic_msgs/",
+)  # fmt: skip
 OF_LOCALIZATION = {"/pose", "/initialpose"}
 
 
