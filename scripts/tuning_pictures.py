@@ -22,7 +22,7 @@ from matplotlib.figure import Figure
 
 from heightmap25d_ros import render
 from heightmap25d_ros.bag import Bag
-from heightmap25d_ros.commands.mapping import replayed
+from heightmap25d_ros.commands.replaying import replayed
 from heightmap25d_ros.grid import HEIGHT_RESOLUTION, HeightMap
 from heightmap25d_ros.mapping import Mapping
 from heightmap25d_ros.params import Params, with_values

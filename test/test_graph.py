@@ -19,7 +19,7 @@ from visualization_msgs.msg import Marker
 
 ROOT = Path(__file__).parent.parent
 CONFIG = ROOT / "rviz" / "heightmap25d.rviz"
-NODES = ("mapping", "planning", "markers", "simulator", "driver")
+NODES = ("mapping", "planning", "localization", "markers", "simulator", "driver")
 TYPES = {
     "Map": "nav_msgs/msg/OccupancyGrid",
     "Marker": "visualization_msgs/msg/Marker",
@@ -37,7 +37,6 @@ TOOLS = {
 OF_EVERY_NODE = (
     "rcl_interfaces/", "type_description_interfaces/", "lifecycle_msgs/", "diagnostic_msgs/",
 )  # fmt: skip
-OF_LOCALIZATION = {"/pose", "/initialpose"}
 
 
 def entries(kind, types):
@@ -56,6 +55,7 @@ def graph():
         client.wait(lambda: client.node.count_publishers("odom") > 0)
         client.wait(lambda: client.node.count_publishers("markers/blocks") > 0)
         client.wait(lambda: client.node.count_publishers("planning/field") > 0)
+        client.wait(lambda: client.node.count_subscribers("initialpose") > 0)
         client.wait_for_node()
         client.spin(0.5)
         yield client.node
@@ -67,8 +67,6 @@ def test_every_display_gets_what_our_nodes_publish(graph):
     assert len(displays) == 9
     for kind, topic in displays:
         name = topic["Value"]
-        if name in OF_LOCALIZATION:
-            continue
         offers = graph.get_publishers_info_by_topic(name)
         assert [offer.topic_type for offer in offers] == [kind], name
         offered = offers[0].qos_profile
@@ -82,9 +80,8 @@ def test_goal_and_initial_pose_go_where_our_nodes_listen(graph):
     tools = entries("Tools", TOOLS)
     assert {topic["Value"] for _, topic in tools} == {"/goal_pose", "/initialpose"}
     for kind, topic in tools:
-        if topic["Value"] not in OF_LOCALIZATION:
-            listeners = graph.get_subscriptions_info_by_topic(topic["Value"])
-            assert [listener.topic_type for listener in listeners] == [kind]
+        listeners = graph.get_subscriptions_info_by_topic(topic["Value"])
+        assert [listener.topic_type for listener in listeners] == [kind]
 
 
 def documented(node):
