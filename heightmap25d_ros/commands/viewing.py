@@ -14,7 +14,7 @@ import numpy as np
 from heightmap25d_ros import map_io, params
 from heightmap25d_ros.bag import ODOMETRY, Bag
 from heightmap25d_ros.commands.command import Figures, add_command, read_params
-from heightmap25d_ros.commands.mapping import replayed
+from heightmap25d_ros.commands.replaying import replayed
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.mapping import Mapping
 from heightmap25d_ros.params import Params
@@ -81,8 +81,10 @@ def _show_bag(scene: Scene3d, path: Path, settings: Params, odom_topic: str | No
         mapping = Mapping(settings)
         way: list[Any] = []
         shown = {"map": -np.inf, "pose": -np.inf}
-        for _, readings in replayed(bag, mapping, odom_topic):
-            reading = readings[-1]
+        for step in replayed(bag, mapping, odom_topic):
+            if not step.outcomes:
+                continue
+            reading = step.outcomes[-1]
             T, seconds = reading.T_map_base[0], (reading.scan.stamp_ns - bag.start_ns) * 1e-9
             scene.at(seconds)
             if seconds - shown["pose"] >= _POSE_EVERY:
