@@ -18,7 +18,7 @@ ARGUMENTS = [
     ("namespace", "", "of nodes and topics, /tf and /tf_static as well"),
     ("use_sim_time", "false", "true: time comes from /clock"),
     ("autostart", "true", "false: a lifecycle manager configures and activates"),
-    ("nodes", "mapping planning", "which nodes"),
+    ("nodes", "", "which nodes; empty: mapping planning, and localization where there is a map"),
 ]
 
 
@@ -26,8 +26,9 @@ def start(context):
     """The nodes that are asked for."""
     argument = {name: LaunchConfiguration(name).perform(context) for name, _, _ in ARGUMENTS}
     values = {name: argument[name] == "true" for name in ("use_sim_time", "autostart")}
-    maps = {}
+    names, maps = ["mapping", "planning"], {}
     if argument["map"]:
+        names.append("localization")
         path = Path(argument["map"]).resolve()
         maps["mapping"] = {
             "mapping.map_directory": str(path.parent),
@@ -43,7 +44,7 @@ def start(context):
             remappings=[("/tf", "tf"), ("/tf_static", "tf_static")],
             output="screen",
         )
-        for name in argument["nodes"].split()
+        for name in argument["nodes"].split() or names
     ]
 
 

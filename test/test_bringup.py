@@ -72,7 +72,8 @@ def test_two_robots_at_once_do_not_see_one_another(tmp_path):
 
 
 def test_a_node_that_ends_by_itself_ends_the_others(tmp_path):
-    process = bringup("--map", str(tmp_path / "missing"), "--namespace", "gone", "--json")
+    missing = "--map", str(tmp_path / "missing"), "--namespace", "gone"
+    process = bringup(*missing, "--nodes", "mapping", "planning", "--json")
     log, _ = process.communicate(timeout=PATIENCE)
     assert process.returncode == 1
     assert '"mapping": "ended with 2"' in log

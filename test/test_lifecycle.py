@@ -100,16 +100,19 @@ def test_transitions_while_messages_stream_in_do_no_harm(tmp_path):
     manager.close()
 
 
-def test_the_planning_node_lives_as_it_is_told_and_again():
-    manager = Manager("planning", "/planned")
-    with node_process("planning", *MANUAL, namespace="/planned") as process:
+@pytest.mark.parametrize(
+    ("node", "topic"), [("planning", "goal_pose"), ("localization", "initialpose")]
+)
+def test_other_nodes_live_as_they_are_told_and_again(node, topic):
+    manager = Manager(node, "/others")
+    with node_process(node, *MANUAL, namespace="/others") as process:
         for _ in range(2):
             assert manager.change(Transition.TRANSITION_CONFIGURE)
-            assert not manager.is_heard("goal_pose")
+            assert not manager.is_heard(topic)
             assert manager.change(Transition.TRANSITION_ACTIVATE)
-            manager.wait(lambda: manager.is_heard("goal_pose"))
+            manager.wait(lambda: manager.is_heard(topic))
             assert manager.change(Transition.TRANSITION_DEACTIVATE)
-            manager.wait(lambda: not manager.is_heard("goal_pose"))
+            manager.wait(lambda: not manager.is_heard(topic))
             assert manager.change(Transition.TRANSITION_CLEANUP)
         assert process.poll() is None
     manager.close()

@@ -22,7 +22,6 @@ from heightmap25d_ros.commands.command import (
 )
 
 NODES = ("mapping", "planning", "localization", "simulator")
-DEFAULT = ("mapping", "planning")
 EXIT_NODE_DIED = 1
 
 _PATIENCE = 5.0  # [s] for the nodes to end; saving a large map takes a while
@@ -31,8 +30,9 @@ _PATIENCE = 5.0  # [s] for the nodes to end; saving a large map takes a while
 def add_to(commands: Any) -> None:
     """Add ``bringup``."""
     command = add_command(commands, "bringup", _bringup, "the nodes, until Ctrl-C")
-    command.add_argument("--nodes", nargs="+", choices=NODES, default=DEFAULT, metavar="NODE",
-                         help=f"of {', '.join(NODES)} (default: {' '.join(DEFAULT)})")  # fmt: skip
+    command.add_argument("--nodes", nargs="+", choices=NODES, metavar="NODE",
+                         help=f"of {', '.join(NODES)} (default: mapping planning, and "
+                         "localization where there is a map)")  # fmt: skip
     command.add_argument("--map", type=Path, metavar="DIR", help="map directory to begin with")
     command.add_argument("--namespace", default="", metavar="NS",
                          help="of nodes and topics, /tf and /tf_static as well")  # fmt: skip
@@ -50,7 +50,8 @@ def _bringup(options: argparse.Namespace) -> Figures:
     processes: dict[str, subprocess.Popen[bytes]] = {}
     died: list[str] = []
     try:
-        for name in [*options.nodes, "watch"]:
+        names = options.nodes or NODES[: 3 if options.map else 2]
+        for name in dict.fromkeys([*names, "watch"]):
             processes[name] = _started(name, options)
         while not died:
             time.sleep(0.1)
