@@ -12,7 +12,8 @@ Read the modules in this order; imports point only upwards:
 6. ``planner``, ``transition_costs``, ``path``, ``route``: transitions and a goal become a path.
 7. ``messages``, ``transforms``, ``intake``: ROS messages become scans with poses; ``mapping`` and
    ``planning``: messages in, maps and plans out.
-8. ``bag``, ``map_io``, ``evaluation``, ``render``: files in, files out.
+8. ``bag``, ``map_io``, ``evaluation``, ``render``: files in, files out; ``display``,
+   ``triangle_list``, ``scene_3d``: what 3-D viewers are shown.
 9. ``matching``, ``short_term``, ``registration``, ``relocalization``: a map of the last metres
    against the long-term map; ``health``, ``pose_filter``, ``tracking``, ``localization``: the
    pose held to it.
