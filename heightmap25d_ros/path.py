@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from heightmap25d_ros.grid import Geometry
 from heightmap25d_ros.planner import STRAIGHT, CostToGo
 from heightmap25d_ros.transition_costs import TransitionGraph, rate
 
@@ -38,6 +40,22 @@ _TINY = 1e-9
 
 _TURN_STEP = math.radians(10.0)
 """Between the headings that are checked where the robot turns on the spot."""
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where to start or to end: x, y [m], map, and the heading [rad] where it matters."""
+
+    x: float
+    y: float
+    yaw: float | None = None
+
+
+def in_cells(place: Place, geometry: Geometry) -> tuple[float, float, float]:
+    """A place as y, x [cells] and heading [rad], 0 where it has none."""
+    x, y = geometry.origin
+    resolution = geometry.resolution
+    return (place.y - y) / resolution, (place.x - x) / resolution, place.yaw or 0.0
 
 
 def pull_straight(graph: TransitionGraph, field: CostToGo, cells: NDArray[np.int64]) -> Points:

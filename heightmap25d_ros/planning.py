@@ -16,8 +16,9 @@ from heightmap25d_ros import messages, se3
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid import Geometry, HeightMap
 from heightmap25d_ros.params import Params
+from heightmap25d_ros.path import Place
 from heightmap25d_ros.planner import UNREACHABLE
-from heightmap25d_ros.route import Place, Plan, RoutePlanner, Status
+from heightmap25d_ros.route import Plan, RoutePlanner, Status
 from heightmap25d_ros.transition_costs import transition_graph
 
 MOTION = 0.3

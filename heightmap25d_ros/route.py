@@ -12,15 +12,16 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from heightmap25d_ros import footprint_check, planner
 from heightmap25d_ros.grid import Area
 from heightmap25d_ros.params import PlannerParams, TraversabilityParams
 from heightmap25d_ros.path import (
     SPACING,
+    Place,
     Points,
     headings,
+    in_cells,
     line_cost,
     pull_straight,
     round_corners,
@@ -28,8 +29,9 @@ from heightmap25d_ros.path import (
     swept,
 )
 from heightmap25d_ros.planner import STRAIGHT, CostToGo, SearchTimeoutError
-from heightmap25d_ros.terrain import NEIGHBOURS
-from heightmap25d_ros.transition_costs import TransitionGraph, fitting
+from heightmap25d_ros.standing import offsets, opened_around
+from heightmap25d_ros.surface_poses import interpolated, on_surface
+from heightmap25d_ros.transition_costs import TransitionGraph
 
 Cell = tuple[int, int]
 
@@ -49,15 +51,6 @@ class Status(IntEnum):
     GOAL_OCCUPIED = 206
     TIMEOUT = 207
     NO_VALID_PATH = 208
-
-
-@dataclass(frozen=True, slots=True)
-class Place:
-    """Where to start or to end: x, y [m], map, and the heading [rad] where it matters."""
-
-    x: float
-    y: float
-    yaw: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -164,7 +157,7 @@ class RoutePlanner:
         points = (poses[:, 1::-1, 3] - geometry.origin[::-1]) / geometry.resolution
         if not geometry.contains(np.floor([*points, robot_cell])).all():
             return None
-        graph = self._opened(robot, robot_cell, is_robot_there=True)
+        graph = self._opened(robot, is_robot_there=True)
         costs = [line_cost(graph, p, q) for p, q in pairwise(points)]
         heading = np.arctan2(poses[:, 1, 0], poses[:, 0, 0])
         first = _cell(np.floor(points[0]))
@@ -181,7 +174,7 @@ class RoutePlanner:
             if not geometry.contains(cell):
                 status = Status[f"{name.upper()}_OUTSIDE_MAP"]
                 return Plan(status=status, reason=f"the {name} is outside of the map")
-        graph = self._opened(start, start_cell, is_robot_there)
+        graph = self._opened(start, is_robot_there)
         if not graph.enterable[start_cell]:
             fault = self._fault(graph, start_cell)
             return Plan(status=Status.START_OCCUPIED, reason=f"the start {fault}")
@@ -219,50 +212,9 @@ class RoutePlanner:
             raise SearchTimeoutError
         return cost_to_go, cost_to_go.way(start)
 
-    def _opened(self, start: Place, cell: Cell, is_robot_there: bool) -> TransitionGraph:
-        """The graph with a way from where the robot stands."""
-        graph = self.graph
-        margin = max(self._terrain.robot_radius, self._params.unknown_margin) / self._resolution
-        reach = math.ceil(math.hypot(*self._size) / 2 + margin) + 1
-        outer = Area(cell[0], cell[1], 1, 1).grown(reach + math.ceil(margin)).within(graph.area)
-        area = Area(cell[0], cell[1], 1, 1).grown(reach).within(graph.area)
-        around = outer.slices(graph.area)
-        occupied, forbidden = graph.occupied[around].copy(), graph.forbidden[around].copy()
-        blocked = graph.blocked[around].copy()
-        ahead, aside, distance = self._offsets(outer, start)
-        is_under = (np.abs(ahead) <= self._size[0] / 2) & (np.abs(aside) <= self._size[1] / 2)
-        if graph.enterable[cell] and not (is_robot_there and occupied[is_under].any()):
-            return graph
-        forbidden[is_under] = False
-        if is_robot_there:
-            occupied[is_under] = False
-            blocked = _without_steps(blocked, is_under)
-        enterable = fitting(occupied, forbidden, (self._terrain, self._params), self._resolution)
-        # With an obstacle beside it the robot may still move away.
-        radius = self._terrain.robot_radius / self._resolution
-        enterable |= (distance <= radius) & ~occupied & ~forbidden
-        inside = area.slices(outer)
-        return graph.with_part(
-            area,
-            enterable=enterable[inside] | graph.enterable[area.slices(graph.area)],
-            occupied=occupied[inside],
-            forbidden=forbidden[inside],
-            blocked=blocked[inside],
-        )
-
-    def _offsets(self, area: Area, place: Place) -> tuple[Points, Points, Points]:
-        """How far the cells of an area lie ahead of, aside of, and from a place [cells]."""
-        iy, ix = np.indices(area.shape)
-        y, x = self._in_cells(place)
-        dy, dx = iy + area.iy + 0.5 - y, ix + area.ix + 0.5 - x
-        yaw = place.yaw or 0.0
-        ahead = dx * math.cos(yaw) + dy * math.sin(yaw)
-        aside = dy * math.cos(yaw) - dx * math.sin(yaw)
-        return ahead, aside, np.hypot(dy, dx)
-
-    def _in_cells(self, place: Place) -> tuple[float, float]:
-        x0, y0 = self.graph.geometry.origin
-        return (place.y - y0) / self._resolution, (place.x - x0) / self._resolution
+    def _opened(self, start: Place, is_robot_there: bool) -> TransitionGraph:
+        params = self._terrain, self._params
+        return opened_around(self.graph, start, params, is_robot_there=is_robot_there)
 
     def _center(self, cell: Cell, yaw: float | None) -> Place:
         x, y = self.graph.geometry.cell_center(cell)
@@ -277,7 +229,7 @@ class RoutePlanner:
         reach = math.ceil(self._params.goal_tolerance / self._resolution) + 1
         cell = _cell(graph.geometry.cell_at((goal.x, goal.y)))
         area = Area(cell[0], cell[1], 1, 1).grown(reach).within(graph.area)
-        *_, distance = self._offsets(area, goal)
+        *_, distance = offsets(area, in_cells(goal, graph.geometry))
         is_there = connected.remaining[1:-1, 1:-1][area.slices(graph.area)] != 0
         is_there &= distance * self._resolution <= self._params.goal_tolerance
         if not is_there.any():
@@ -319,7 +271,7 @@ class RoutePlanner:
         end: Place,
     ) -> Points:
         """The path [cells] from the start itself to the end itself."""
-        first, last = np.array(self._in_cells(start)), np.array(self._in_cells(end))
+        first, last = (np.array(in_cells(place, graph.geometry)[:2]) for place in (start, end))
         inner = list(pull_straight(graph, cost_to_go, cells))
         # The ends lie beside the centres of their cells. Where that closes a line, the path leads
         # over the centre.
@@ -354,9 +306,10 @@ class RoutePlanner:
         ends: tuple[Cell, Place, Place],
     ) -> Plan:
         start_cell, goal, end = ends
-        poses = self._poses(graph, points, heading)
+        half_length = round(self._params.robot_length / (2 * SPACING))
+        poses = on_surface(graph, points, heading, half_length)
         steps = np.diff(poses[:, :3, 3], axis=0)
-        gradient = _interpolated(graph.gradient, points)
+        gradient = interpolated(graph.gradient, points)
         reach = footprint_check.FARTHEST / self._resolution
         clearance = footprint_check.least_clearance(graph.occupied, points, reach)
         reason = ""
@@ -376,61 +329,11 @@ class RoutePlanner:
             cost_to_go=cost_to_go,
         )
 
-    def _poses(
-        self, graph: TransitionGraph, points: Points, heading: Points
-    ) -> NDArray[np.float64]:
-        """Poses (N, 4, 4) on the surface, inclined as the ground under the footprint."""
-        x0, y0 = graph.geometry.origin
-        # The mean over the robot's length: single heights are noisy.
-        height = _smoothed(
-            _interpolated(graph.height[None], points)[0],
-            round(self._params.robot_length / (2 * SPACING)),
-        )
-        gx, gy = _interpolated(graph.gradient, points)
-        up = np.stack([-gx, -gy, np.ones_like(gx)], axis=-1)
-        up /= np.linalg.norm(up, axis=-1, keepdims=True)
-        ahead = np.stack([np.cos(heading), np.sin(heading), np.zeros_like(heading)], axis=-1)
-        ahead[:, 2] = gx * ahead[:, 0] + gy * ahead[:, 1]  # on the ground, seen from above the same
-        ahead /= np.linalg.norm(ahead, axis=-1, keepdims=True)
-        poses = np.tile(np.eye(4), (len(points), 1, 1))
-        poses[:, :3, 0], poses[:, :3, 1], poses[:, :3, 2] = ahead, np.cross(up, ahead), up
-        poses[:, 0, 3] = x0 + points[:, 1] * self._resolution
-        poses[:, 1, 3] = y0 + points[:, 0] * self._resolution
-        poses[:, 2, 3] = height
-        return poses
-
 
 def _cell(index: NDArray[np.float64] | NDArray[np.int64]) -> Cell:
     return int(index[0]), int(index[1])
 
 
-def _interpolated(layers: NDArray[np.float32], points: Points) -> NDArray[np.float64]:
-    """(layers, N): layers (layers, rows, columns) between the centres of cells."""
-    places = np.maximum(points.T - 0.5, 0.0)
-    return np.array(
-        [ndimage.map_coordinates(layer, places, np.float64, 1, "nearest") for layer in layers]
-    )
-
-
-def _smoothed(values: NDArray[np.float64], reach: int) -> NDArray[np.float64]:
-    """Means over so many neighbours on either side, fewer near the ends: a line stays a line."""
-    index = np.arange(len(values))
-    reaches = np.minimum(reach, np.minimum(index, index[::-1]))
-    sums = np.concatenate([[0.0], np.cumsum(values)])
-    return np.asarray((sums[index + reaches + 1] - sums[index - reaches]) / (2 * reaches + 1))
-
-
 def _without(graph: TransitionGraph, cell: Cell) -> TransitionGraph:
     """The graph with one cell closed."""
     return graph.with_part(Area(*cell, 1, 1), enterable=np.zeros((1, 1), np.bool_))
-
-
-def _without_steps(blocked: NDArray[np.uint8], cells: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Transitions of which those from and to some cells are open."""
-    padded = np.pad(cells, 1)
-    rows, columns = cells.shape
-    opened = np.where(cells, np.uint8(255), np.uint8(0))
-    for k, (dy, dx) in enumerate(NEIGHBOURS):
-        there = padded[1 + dy : 1 + dy + rows, 1 + dx : 1 + dx + columns]
-        opened |= there.astype(np.uint8) << np.uint8(k)
-    return np.asarray(blocked & ~opened)

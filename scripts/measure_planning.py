@@ -22,7 +22,8 @@ from measure_defaults import SEEDS, WORLDS, record, run
 from heightmap25d_ros import drivability, map_io, reachability, se3
 from heightmap25d_ros.drivability import Drivability
 from heightmap25d_ros.params import Params
-from heightmap25d_ros.route import Place, Plan, RoutePlanner, Status
+from heightmap25d_ros.path import Place
+from heightmap25d_ros.route import Plan, RoutePlanner, Status
 from heightmap25d_ros.transition_costs import transition_graph
 
 

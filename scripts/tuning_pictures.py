@@ -26,7 +26,8 @@ from heightmap25d_ros.commands.replaying import replayed
 from heightmap25d_ros.grid import HEIGHT_RESOLUTION, HeightMap
 from heightmap25d_ros.mapping import Mapping
 from heightmap25d_ros.params import Params, with_values
-from heightmap25d_ros.route import Place, RoutePlanner
+from heightmap25d_ros.path import Place
+from heightmap25d_ros.route import RoutePlanner
 from heightmap25d_ros.transition_costs import transition_graph
 from heightmap25d_ros.traversability import OCCUPIED, convert
 

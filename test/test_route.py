@@ -15,7 +15,8 @@ from scipy import ndimage
 from small_terrain import SEEDS, height_map
 
 from heightmap25d_ros.params import PlannerParams, TraversabilityParams
-from heightmap25d_ros.route import Place, RoutePlanner, Status
+from heightmap25d_ros.path import Place
+from heightmap25d_ros.route import RoutePlanner, Status
 from heightmap25d_ros.transition_costs import transition_graph
 
 CELL = 0.125

@@ -18,8 +18,9 @@ from heightmap25d_ros.commands.command import (
     add_command,
     read_params,
 )
+from heightmap25d_ros.path import Place
 from heightmap25d_ros.planning import compile_kernels
-from heightmap25d_ros.route import Place, Plan, RoutePlanner, Status
+from heightmap25d_ros.route import Plan, RoutePlanner, Status
 from heightmap25d_ros.transition_costs import transition_graph
 
 PLAN_TUM, PLAN_PNG = "plan.tum", "plan.png"
