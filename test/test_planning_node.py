@@ -93,8 +93,8 @@ def after_the_ramp(tmp_path_factory):
     client = Planner("")
     directory = tmp_path_factory.mktemp("maps")
     with node_process("planning"), mapping_node(directory, *LASERS):
-        client.wait(lambda: client.node.count_subscribers("odom") == 2)
-        client.wait(lambda: client.node.count_subscribers("height_grid") == 1)
+        for topic, count in (("odom", 2), ("height_grid", 1), ("scan", 1), ("scan_down", 1)):
+            client.wait(lambda t=topic, n=count: client.node.count_subscribers(t) == n)
         replay = start("nodes.replay", str(RAMP), "--rate", "4")
         client.wait(lambda: replay.poll() is not None)
         assert replay.returncode == 0
