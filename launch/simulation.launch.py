@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""ros2 launch heightmap25d_ros simulation.launch.py world:=ramp: nodes and simulator."""
+"""ros2 launch heightmap25d_ros simulation.launch.py world:=ramp: the loop is closed."""
 
 from ament_index_python import get_package_share_path
 from launch import LaunchDescription
@@ -12,7 +12,7 @@ PACKAGE = "heightmap25d_ros"
 
 
 def generate_launch_description():
-    """The bringup, with its arguments, in the time of the simulator, which takes cmd_vel."""
+    """The bringup, with its arguments, around a simulated robot that is driven along the plan."""
     bringup = get_package_share_path(PACKAGE) / "launch" / "bringup.launch.py"
     return LaunchDescription(
         [
@@ -33,6 +33,13 @@ def generate_launch_description():
                     }
                 ],
                 remappings=[("/tf", "tf"), ("/tf_static", "tf_static")],
+                output="screen",
+            ),
+            Node(
+                package=PACKAGE,
+                executable="driver",
+                namespace=LaunchConfiguration("namespace"),
+                parameters=[{"use_sim_time": True}],
                 output="screen",
             ),
         ]

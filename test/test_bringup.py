@@ -107,4 +107,4 @@ def test_ros2_launch_starts_and_ends_the_nodes(tmp_path):
     process.send_signal(signal.SIGINT)
     log, _ = process.communicate(timeout=PATIENCE)
     assert process.returncode == 0
-    assert log.count("process has finished cleanly") == 3
+    assert log.count("process has finished cleanly") == 4
