@@ -83,7 +83,8 @@ def test_a_node_that_ends_by_itself_ends_the_others(tmp_path):
     log, _ = process.communicate(timeout=PATIENCE)
     assert process.returncode == 1
     assert '"mapping": "ended with 2"' in log
-    assert '"planning": "ended with 0"' in log
+    # Both begin at the same time: planning may be up by then or not.
+    assert '"planning": "ended with 0"' in log or '"planning": "stopped while it started"' in log
     assert "missing" in log
 
 

@@ -24,6 +24,10 @@ from heightmap25d_ros.commands.command import (
 NODES = ("mapping", "planning", "localization", "simulator")
 EXIT_NODE_DIED = 1
 
+_GOOD_ENDINGS = (
+    0,
+    -signal.SIGINT,
+)  # the second of a node that was not up yet when it was told to end
 _PATIENCE = 5.0  # [s] for the nodes to end; saving a large map takes a while
 
 
@@ -60,8 +64,8 @@ def _bringup(options: argparse.Namespace) -> Figures:
         pass
     finally:
         _end(processes)
-    figures = {name: f"ended with {processes[name].returncode}" for name in processes}
-    if any(process.returncode for process in processes.values()):
+    figures = {name: _ending(process.returncode) for name, process in processes.items()}
+    if any(process.returncode not in _GOOD_ENDINGS for process in processes.values()):
         raise NegativeResultError(figures, EXIT_NODE_DIED)
     return figures
 
@@ -87,6 +91,10 @@ def _started(name: str, options: argparse.Namespace) -> subprocess.Popen[bytes]:
             arguments += ["-p", f"{parameter}:={json.dumps(value)}"]
     command = [sys.executable, "-m", f"heightmap25d_ros.nodes.{name}", "--ros-args", *arguments]
     return subprocess.Popen(command, start_new_session=True)
+
+
+def _ending(status: int) -> str:
+    return "stopped while it started" if status == -signal.SIGINT else f"ended with {status}"
 
 
 def _end(processes: dict[str, subprocess.Popen[bytes]]) -> None:
