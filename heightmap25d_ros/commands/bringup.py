@@ -21,13 +21,11 @@ from heightmap25d_ros.commands.command import (
     read_params,
 )
 
-NODES = ("mapping", "planning", "localization", "simulator")
+NODES = ("mapping", "planning", "localization", "markers", "simulator")
 EXIT_NODE_DIED = 1
 
-_GOOD_ENDINGS = (
-    0,
-    -signal.SIGINT,
-)  # the second of a node that was not up yet when it was told to end
+# A node that was not up yet when it was told to end is ended by the signal itself.
+_GOOD_ENDINGS = (0, -signal.SIGINT)
 _PATIENCE = 5.0  # [s] for the nodes to end; saving a large map takes a while
 
 
