@@ -88,6 +88,15 @@ def start(module: str, *arguments: str, **options: Any) -> subprocess.Popen[str]
     return subprocess.Popen(command, text=True, **options)
 
 
+def replay(bag: Path, *arguments: str) -> subprocess.Popen[str]:
+    """The replay node's process, which begins when each of the robot's topics is listened to.
+
+    On a busy machine nodes take their time to find one another.
+    """
+    topics = "/scan", "/scan_down", "/odom", "/tf_static"
+    return start("nodes.replay", str(bag), "--topics", *topics, "--wait", str(PATIENCE), *arguments)
+
+
 @contextmanager
 def node_process(
     name: str, *arguments: str, namespace: str = "/"

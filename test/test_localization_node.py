@@ -12,7 +12,7 @@ import pytest
 from bag_writer import laser_scan, odometry, rclpy_type
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from localization_bags import BAGS, events_of, heights, map_of_another_drive, truth_of
-from node_client import LATCHED, PATIENCE, Client, mapping_node, start
+from node_client import LATCHED, PATIENCE, Client, mapping_node, replay, start
 from scipy.ndimage import binary_dilation
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
@@ -68,10 +68,8 @@ def driven(room_map, tmp_path_factory):
         with mapping_node(tmp_path_factory.mktemp("maps"), *SCANS):
             client.wait(lambda: bool(client.all["localization/status"]))
             client.wait_for_node()
-            replay = start(
-                "nodes.replay", str(BAGS / "room_1"), "--rate", "1.5", "--duration", str(SECONDS)
-            )
-            client.wait(lambda: replay.poll() is not None)
+            played = replay(BAGS / "room_1", "--rate", "1.5", "--duration", str(SECONDS))
+            client.wait(lambda: played.poll() is not None, 2 * PATIENCE)
             client.spin(1.5)
     finally:
         localization.send_signal(2)

@@ -15,7 +15,7 @@ import rclpy
 from bag_writer import laser_scan, odometry, rclpy_type
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.srv import GetMap
-from node_client import MAPS, PATIENCE, Client, mapping_node, start
+from node_client import MAPS, PATIENCE, Client, mapping_node, replay, start
 from PIL import Image
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from std_srvs.srv import Trigger
@@ -72,9 +72,9 @@ def replayed(short_bag, tmp_path_factory):
     topics = "--params-file", str(CONFIG), "-p", "intake.scan_topics:=[scan, scan_down]"
     with mapping_node(directory, *topics) as process:
         client.wait_for_node()
-        replay = start("nodes.replay", str(short_bag), "--rate", "2.0")
-        client.wait(lambda: replay.poll() is not None)
-        assert replay.returncode == 0
+        played = replay(short_bag, "--rate", "2.0")
+        client.wait(lambda: played.poll() is not None, 2 * PATIENCE)
+        assert played.returncode == 0
         saved = client.call("mapping/save_map", SaveMap, name="maps/short")
         client.spin(1.5)
         client.messages = dict(client.newest)

@@ -14,7 +14,7 @@ from bag_writer import odometry, rclpy_type
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 from nav_msgs.srv import GetPlan
-from node_client import LATCHED, PATIENCE, Client, mapping_node, node_process, start
+from node_client import LATCHED, PATIENCE, Client, mapping_node, node_process, replay, start
 
 from heightmap25d_msgs.msg import HeightGrid, PlanStatus
 from heightmap25d_ros import drivability
@@ -95,9 +95,9 @@ def after_the_ramp(tmp_path_factory):
     with node_process("planning"), mapping_node(directory, *LASERS):
         for topic, count in (("odom", 2), ("height_grid", 1), ("scan", 1), ("scan_down", 1)):
             client.wait(lambda t=topic, n=count: client.node.count_subscribers(t) == n)
-        replay = start("nodes.replay", str(RAMP), "--rate", "4")
-        client.wait(lambda: replay.poll() is not None)
-        assert replay.returncode == 0
+        played = replay(RAMP, "--rate", "4")
+        client.wait(lambda: played.poll() is not None, 2 * PATIENCE)
+        assert played.returncode == 0
         client.spin(2.0)  # the last map
         yield client
     client.close()
