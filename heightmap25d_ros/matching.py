@@ -19,6 +19,8 @@ this one without clip, edges, unknown cells, elimination of z and mean.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,7 +37,8 @@ _kernel = njit(cache=True, error_model="numpy")
 _inlined = njit(cache=True, error_model="numpy", forceinline=True)
 
 
-class Surface(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Surface:
     """A long-term map as the kernels take it.
 
     Attributes
@@ -52,6 +55,14 @@ class Surface(NamedTuple):
     is_edge: NDArray[np.bool_]
     origin: tuple[float, float]
     resolution: float
+
+    @cached_property
+    def bordered(self) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """Heights and edges with a border of two unknown cells, made once: a map may be large."""
+        return (
+            np.pad(self.heights, _BORDER, constant_values=np.nan),
+            np.pad(self.is_edge, _BORDER),
+        )
 
 
 class Points(NamedTuple):
@@ -224,8 +235,7 @@ def _cells(surface: Surface, pivot: tuple[float, float]) -> tuple[Any, ...]:
     """
     u, v = (np.asarray(pivot) - surface.origin) / surface.resolution + _BORDER
     return (
-        np.pad(surface.heights, _BORDER, constant_values=np.nan),
-        np.pad(surface.is_edge, _BORDER),
+        *surface.bordered,
         float(u),
         float(v),
         1.0 / surface.resolution,

@@ -42,7 +42,7 @@ def compile_kernels(params: Params) -> None:
     )
     terrain, free = params.traversability, replace(params.planner, unknown="cost", timeout=600.0)
     graph = transition_graph(flat, terrain, free)
-    start, goal = (Place(x=x, y=x, yaw=0.0) for x in np.asarray((5.1, 20.2)) * 0.125)
+    start, goal = (Place(x=x, y=x, yaw=0.0) for x in np.array((5.1, 20.2)) * params.grid.resolution)
     for is_field_wanted in (False, True):
         RoutePlanner(graph, terrain, free).plan(
             start, goal, is_robot_there=True, is_field_wanted=is_field_wanted

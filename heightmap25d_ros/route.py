@@ -224,6 +224,8 @@ class RoutePlanner:
         self, graph: TransitionGraph, start: Cell, goal: Place, deadline: float
     ) -> Cell | None:
         """The cell nearest to a goal, within the tolerance, that the start is connected with."""
+        if not self._params.goal_tolerance:
+            return None
         # What can be driven can be driven back, at another cost.
         connected = planner.cost_to_go(graph.incoming, start, deadline=deadline)
         reach = math.ceil(self._params.goal_tolerance / self._resolution) + 1
