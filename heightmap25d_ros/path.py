@@ -59,7 +59,7 @@ def in_cells(place: Place, geometry: Geometry) -> tuple[float, float, float]:
 
 
 def pull_straight(graph: TransitionGraph, field: CostToGo, cells: NDArray[np.int64]) -> Points:
-    """The vertices of an any-angle path along cells, no more expensive than they are.
+    """The vertices of an any-angle path along cells, to 0.5 % no more expensive than they are.
 
     From each vertex the line goes to the farthest cell of the way to which it crosses open
     transitions between enterable cells only (all that it touches, corners included) and to which

@@ -83,7 +83,7 @@ def test_a_line_over_a_blocked_step_is_closed_and_beside_it_open():
 
 @given(SEEDS)
 @MOST
-def test_a_pulled_way_is_open_and_no_dearer_than_the_cells(seed):
+def test_a_pulled_way_is_open_and_to_half_a_percent_no_dearer_than_the_cells(seed):
     way = some_way(seed)
     if way is None:
         return
@@ -103,7 +103,7 @@ def test_a_pulled_way_is_open_and_no_dearer_than_the_cells(seed):
     # Transitions are whole numbers of 70ths, between 70 and 7900.
     steps = [field[tuple(cell)] for cell in cells]
     if all(before - after < 7900 for before, after in pairwise(steps)):
-        assert total <= steps[0] / 70 * 1.001 + len(cells) / 140
+        assert total <= steps[0] / 70 * 1.005 + len(cells) / 140
 
 
 def test_ways_over_open_ground_become_shorter_than_8_directions_allow():
