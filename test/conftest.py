@@ -7,8 +7,11 @@ import os
 from hypothesis import HealthCheck, settings
 
 # No test is timed: the machine may be busy, and the first call of a kernel compiles it.
-settings.register_profile("untimed", deadline=None, suppress_health_check=[HealthCheck.too_slow])
-settings.load_profile("untimed")
+UNTIMED = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
+# The same examples in each run; `pytest --hypothesis-profile explore` looks for new ones.
+settings.register_profile("repeatable", UNTIMED, derandomize=True)
+settings.register_profile("explore", UNTIMED, max_examples=1000)
+settings.load_profile("repeatable")
 
 # Nodes of a test see one another, and no other ROS on the machine or the network.
 os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 101)
