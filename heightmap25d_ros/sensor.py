@@ -99,6 +99,23 @@ def lone_returns(
     return is_lone
 
 
+def _range_to_ground(
+    directions: NDArray[np.float64], T_base_sensor: se3.Matrix
+) -> NDArray[np.float64]:
+    """(N,) float64 [m]: from the laser to the plane of base_link, infinite where it never is.
+
+    Parameters
+    ----------
+    directions : (N, 2) float64
+        Of the beams, in the plane of the scan.
+    T_base_sensor : (N, 4, 4) or (1, 4, 4) float64
+    """
+    height = T_base_sensor[:, 2, 3]
+    fall = -(T_base_sensor[:, 2, :2] * directions).sum(axis=-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(fall > 0.0, np.maximum(height, 0.0) / fall, np.inf)
+
+
 def beams(
     scan: Scan,
     T_map_base: se3.Matrix,
@@ -108,10 +125,11 @@ def beams(
 ) -> Beams:
     """Beams of a scan in the map frame, by REP-117.
 
-    +inf: no return, clears to ``clearing_range`` or ``range_max``, the nearer one. NaN, -inf and
-    values outside of ``range_min .. range_max`` or below ``min_range``: no beam. Returns beyond
-    ``max_range`` clear up to there, and returns outside of the window
-    ``min_height .. max_height`` above base_link clear up to the return; neither hits.
+    +inf: no return, clears to ``clearing_range``, ``range_max`` or the plane of base_link, the
+    nearest one: below the ground on which the robot stands nothing is empty, so that such a beam
+    was merely not answered. NaN, -inf and values outside of ``range_min .. range_max`` or below
+    ``min_range``: no beam. Returns beyond ``max_range`` clear up to there, and returns outside of
+    the window ``min_height .. max_height`` above base_link clear up to the return; neither hits.
 
     Parameters
     ----------
@@ -126,17 +144,19 @@ def beams(
     nearest = max(scan.range_min, params.min_range)
     is_return = (ranges >= nearest) & (ranges <= scan.range_max)
     is_miss = ranges == np.inf
-    cleared = min(params.clearing_range, scan.range_max)
+    angles = scan.angle_min + scan.angle_increment * np.arange(len(ranges))
+    in_plane = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    cleared = np.minimum(
+        min(params.clearing_range, scan.range_max), _range_to_ground(in_plane, T_base_sensor)
+    )
     reach = np.where(is_miss, cleared, np.minimum(ranges, params.max_range))
     used = (is_return | is_miss) & (reach > 0.0)
 
     T_map_sensor = T_map_base @ T_base_sensor
     origins = np.broadcast_to(T_map_sensor[:, :3, 3], (len(ranges), 3))[used]
     base_z = np.broadcast_to(T_map_base[:, 2, 3], len(ranges))[used]
-    angles = scan.angle_min + scan.angle_increment * np.arange(len(ranges))
     axes = np.broadcast_to(T_map_sensor[:, :3, :2], (len(ranges), 3, 2))[used]
-    direction = axes[:, :, 0] * np.cos(angles[used])[:, None]
-    direction += axes[:, :, 1] * np.sin(angles[used])[:, None]
+    direction = (axes * in_plane[used, None, :]).sum(axis=-1)
     ends = origins + reach[used, None] * direction
 
     above_base = ends[:, 2] - base_z

@@ -68,6 +68,21 @@ def test_no_return_clears_no_farther_than_the_laser_sees():
     np.testing.assert_allclose(result.ends, [(4, 0, 0)])
 
 
+@pytest.mark.parametrize("pitch", [0.0, 0.4])
+def test_no_return_clears_only_above_the_ground_under_the_robot(pitch):
+    """30 degrees down and 0.6 m up the plane of base_link is 1.2 m away, and none upwards."""
+    base = se3.from_xyz_rpy([[5.0, 2.0, 3.0, 0.0, pitch, 1.0]])
+    for down, length in ((30, 1.2), (0, 7.0), (-30, 7.0)):
+        mount = se3.from_xyz_rpy([[0.3, 0.0, 0.6, 0.0, np.radians(down), 0.0]])
+        result = beams(scan([np.inf]), base, mount, SensorParams(clearing_range=7.0))
+        assert np.linalg.norm(result.ends - result.origins) == pytest.approx(length)
+
+
+def test_no_return_to_a_laser_below_the_base_clears_nothing_downwards():
+    mount = se3.from_xyz_rpy([[0.0, 0.0, -0.1, 0.0, 0.5, 0.0]])
+    assert len(beams(scan([np.inf]), LEVEL, mount, SensorParams()).ends) == 0
+
+
 def test_returns_from_the_robots_own_body_are_ignored():
     result = beams(scan([0.6, 0.9]), LEVEL, LEVEL, SensorParams(min_range=0.8))
     np.testing.assert_allclose(result.ends, [(0, 0.9, 0)], atol=1e-7)
