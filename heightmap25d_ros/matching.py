@@ -7,11 +7,15 @@ the mean of what the points cost, in metres, the lower the better:
 
 - The error of z is eliminated first: the median of the differences in height is taken out.
 - What is left of a point's difference costs, up to ``clip``.
-- Two *edges* cost nothing. An edge is a cell that stands above a neighbour or has an unknown
-  one: a wall, a post. Lasers see faces, not tops, so the stored height of an edge depends on
-  where the robot was, and only its place can be compared.
-- A point over an unknown cell costs the part ``unknown`` of ``clip``. So a world of one height,
-  as a level laser alone sees it, is matched by where there is something.
+- Two *edges* cost nothing. An edge is a cell that stands above one beside it, or of a thin thing
+  with unknown cells on both sides: a wall, a post. Lasers see faces, not tops, so the stored
+  height of an edge depends on where the robot was, and only its place can be compared.
+- An edge over an unknown cell costs the part ``unknown`` of ``clip``, so that a world of one
+  height, as a level laser alone sees it, is matched by where there is something. Beyond what the
+  map knows nothing counts, neither edges farther than `_NEAR` cells from known ones nor other
+  points over unknown cells: a robot that looks farther than the map reaches must not be drawn
+  back into it. Half of the points count in any case, as over unknown cells where they are not
+  over others, so that no hypothesis wins by having little to compare.
 
 The paper's score, the sum of the absolute differences over cells that are valid in both maps, is
 this one without clip, edges, unknown cells, elimination of z and mean.
@@ -26,13 +30,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from heightmap25d_ros.grid import HEIGHT_RESOLUTION, HeightMap
 
 _BINS = 256  # of the differences in height, for their median
 _LEAST_GAIN = 1e-9  # [m] of score
 _MOST_MOVES = 40  # of a descent with one step
-_BORDER = 2  # [cells] of unknown ones around a surface
+_NEAR = 8  # [cells] from known cells to unknown ones that count
+_BORDER = _NEAR + 2  # [cells] of unknown ones around a surface
+_LEAST_COUNTED = 0.5  # share of the points; with fewer, others are taken for points over unknown
 _kernel = njit(cache=True, error_model="numpy")
 _inlined = njit(cache=True, error_model="numpy", forceinline=True)
 
@@ -57,12 +64,15 @@ class Surface:
     resolution: float
 
     @cached_property
-    def bordered(self) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-        """Heights and edges with a border of two unknown cells, made once: a map may be large."""
-        return (
-            np.pad(self.heights, _BORDER, constant_values=np.nan),
-            np.pad(self.is_edge, _BORDER),
-        )
+    def bordered(self) -> tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.bool_]]:
+        """Heights, edges and what counts, with a border of unknown cells.
+
+        Made once: a map may be large.
+        """
+        heights = np.pad(self.heights, _BORDER, constant_values=np.nan)
+        around = 2 * _NEAR + 1
+        counts = ndimage.maximum_filter(~np.isnan(heights), around, mode="constant")
+        return heights, np.pad(self.is_edge, _BORDER), counts
 
 
 class Points(NamedTuple):
@@ -134,15 +144,26 @@ def surface_of(height_map: HeightMap, edge_step: float) -> Surface:
 
 
 def edges(heights: NDArray[np.float32], step: float) -> NDArray[np.bool_]:
-    """Known cells with an unknown one beside them, or above one of eight neighbours by a step."""
+    """Known cells that stand above another one within two cells by a step, or are of a thin thing.
+
+    Thin things have unknown cells on both sides within two cells, in a row or in a column. Where
+    ground ends in unknown cells it is no edge: that is as far as was seen.
+    """
     rows, columns = heights.shape
-    around = np.pad(heights, 1, constant_values=np.nan)
+    around = np.pad(heights, 2, constant_values=np.nan)
+
+    def shifted(dy: int, dx: int) -> NDArray[np.float32]:
+        return around[2 + dy : 2 + dy + rows, 2 + dx : 2 + dx + columns]
+
     is_edge: NDArray[np.bool_] = np.zeros(heights.shape, bool)
-    for dy, dx in np.ndindex(3, 3):
-        neighbour = around[dy : dy + rows, dx : dx + columns]
-        if dy == 1 or dx == 1:
-            is_edge |= np.isnan(neighbour)
-        is_edge |= heights - neighbour > step
+    for dy, dx in np.ndindex(5, 5):
+        is_edge |= heights - shifted(dy - 2, dx - 2) > step
+    for dy, dx in ((0, 1), (1, 0)):
+        before, after = (
+            np.isnan(shifted(s * dy, s * dx)) | np.isnan(shifted(2 * s * dy, 2 * s * dx))
+            for s in (-1, 1)
+        )
+        is_edge |= before & after
     is_edge &= ~np.isnan(heights)
     return is_edge
 
@@ -301,13 +322,13 @@ def _match(  # noqa: PLR0913
     xyz, edge, weight, x, y, yaw, cells, cost, counts,
 ):  # fmt: skip
     """`Match` of a hypothesis."""
-    heights, edges, u0, v0, per_metre = cells
+    heights, edges, counts_there, u0, v0, per_metre = cells
     clip, unknown, z_range = cost
     u, v = np.empty(len(xyz)), np.empty(len(xyz))
     columns, rows = np.empty(len(xyz), np.int64), np.empty(len(xyz), np.int64)
     _place(xyz, yaw, u0 + x * per_metre, v0 + y * per_metre, per_metre, u, v, columns, rows)
     z = _eliminated(columns, rows, 0, 0, xyz, edge, heights, edges, z_range, counts)
-    over_known = known = weights = 0.0
+    over_known = known = counted = weights = 0.0
     for i in range(len(xyz)):
         left, low = np.floor(u[i] - 0.5), np.floor(v[i] - 0.5)
         a, b = u[i] - 0.5 - left, v[i] - 0.5 - low
@@ -317,15 +338,19 @@ def _match(  # noqa: PLR0913
             for ox in range(2):
                 ix = _inside(int(left) + ox, heights.shape[1])
                 height = heights[iy, ix]
+                share = (a if ox else 1.0 - a) * (b if oy else 1.0 - b) * weight[i]
                 if height == height:
-                    share = (a if ox else 1.0 - a) * (b if oy else 1.0 - b) * weight[i]
                     known += share
+                    counted += share
                     over_known += share * _cost_of(
                         height, edges[iy, ix], xyz[i, 2] + z, edge[i], clip
                     )
-    total = over_known + (weights - known) * unknown * clip
+                elif edge[i] and counts_there[iy, ix]:
+                    counted += share
     weights = max(weights, 1e-12)
-    return total / weights, z, known / weights, over_known / max(known, 1e-12)
+    counted = max(counted, _LEAST_COUNTED * weights)
+    score = (over_known + (counted - known) * unknown * clip) / counted
+    return score, z, known / weights, over_known / max(known, 1e-12)
 
 
 @_kernel
@@ -333,12 +358,12 @@ def _search(  # noqa: PLR0913
     xyz, edge, weight, xs, ys, yaws, cells, cost, scores,
 ):  # fmt: skip
     """Scores (W, Y, X) of hypotheses in steps of whole cells."""
-    heights, edges, u0, v0, per_metre = cells
+    heights, edges, counts_there, u0, v0, per_metre = cells
     clip, unknown, z_range = cost
     counts = np.zeros(_BINS, np.int64)
     u, v = np.empty(len(xyz)), np.empty(len(xyz))
     columns, rows = np.empty(len(xyz), np.int64), np.empty(len(xyz), np.int64)
-    weights = max(weight.sum(), 1e-12)
+    least = max(_LEAST_COUNTED * weight.sum(), 1e-12)
     for w in range(len(yaws)):
         _place(xyz, yaws[w], u0, v0, per_metre, u, v, columns, rows)
         for j in range(len(ys)):
@@ -346,18 +371,21 @@ def _search(  # noqa: PLR0913
                 z = _eliminated(
                     columns, rows, xs[i], ys[j], xyz, edge, heights, edges, z_range, counts
                 )
-                total = 0.0
+                total = known = counted = 0.0
                 for k in range(len(rows)):
                     iy = _inside(rows[k] + ys[j], heights.shape[0])
                     ix = _inside(columns[k] + xs[i], heights.shape[1])
                     height = heights[iy, ix]
                     if height == height:
+                        known += weight[k]
+                        counted += weight[k]
                         total += weight[k] * _cost_of(
                             height, edges[iy, ix], xyz[k, 2] + z, edge[k], clip
                         )
-                    else:
-                        total += weight[k] * unknown * clip
-                scores[w, j, i] = total / weights
+                    elif edge[k] and counts_there[iy, ix]:
+                        counted += weight[k]
+                counted = max(counted, least)
+                scores[w, j, i] = (total + (counted - known) * unknown * clip) / counted
 
 
 @_kernel

@@ -41,7 +41,7 @@ def points(rows, is_edge=None, weight=None):
 def slow_score(some, hypothesis, over, pivot, cost, z):
     """Point by point, cell by cell, with the error of z given."""
     x, y, yaw = hypothesis
-    total = 0.0
+    total = counted = 0.0
     for (px, py, pz), is_edge, weight in zip(*some, strict=True):
         qx = pivot[0] + x + math.cos(yaw) * px - math.sin(yaw) * py
         qy = pivot[1] + y + math.sin(yaw) * px + math.cos(yaw) * py
@@ -54,13 +54,17 @@ def slow_score(some, hypothesis, over, pivot, cost, z):
             is_inside = 0 <= iy - 2 < rows and 0 <= ix - 2 < columns
             height = over.heights[iy - 2, ix - 2] if is_inside else NAN
             if math.isnan(height):
+                if not is_edge:  # all of this small map is near known cells
+                    continue
                 cost_here = cost.unknown * cost.clip
             elif is_edge and over.is_edge[iy - 2, ix - 2]:
                 cost_here = 0.0
             else:
                 cost_here = min(abs(height - pz - z), cost.clip)
             total += share * weight * cost_here
-    return total / sum(some.weight)
+            counted += share * weight
+    missing = max(0.0, sum(some.weight) / 2 - counted)
+    return (total + missing * cost.unknown * cost.clip) / (counted + missing)
 
 
 @st.composite
@@ -102,16 +106,51 @@ def test_an_error_of_z_is_found_and_costs_nothing(situation, z):
     assert found.score <= 2 / 256
 
 
-def test_edges_stand_above_a_neighbour_or_beside_the_unknown():
+def test_edges_stand_above_a_neighbour():
     heights = np.zeros((6, 6), np.float32)
     heights[2, 2] = 0.5
     heights[5, 5] = NAN
     expected = np.zeros((6, 6), bool)
-    expected[2, 2] = expected[4, 5] = expected[5, 4] = True
-    expected[0] = expected[-1] = True  # beyond the border nothing is known
-    expected[:, 0] = expected[:, -1] = True
-    expected[5, 5] = False
+    expected[2, 2] = True  # not where the ground ends
     np.testing.assert_array_equal(edges(heights, 0.15), expected)
+
+
+def test_edges_are_thin_among_unknown_cells():
+    drawn = (
+        "..........",
+        ".###......",  # a wall: three cells long, one thin
+        "..........",
+        "....####..",  # ground of four by three cells
+        "....####..",
+        "....####..",
+        "..........",
+        ".##.......",  # a wall in slanting steps
+        "...##.....",
+        "..........",
+    )
+    heights = np.array([[0.0 if c == "#" else NAN for c in row] for row in drawn], np.float32)
+    expected = ~np.isnan(heights)
+    expected[3:6, 4:8] = False
+    expected[4, 4:8] = True  # unknown cells within two, above and below
+    np.testing.assert_array_equal(edges(heights, 0.15), expected)
+
+
+@pytest.mark.parametrize("is_edge", [True, False])
+def test_what_lies_beyond_the_map_draws_nowhere(is_edge):
+    """A wall is known for 16 m; the robot sees it go on for 16 m, where the map has nothing."""
+    heights = np.full((9, 128), NAN, np.float32)
+    heights[4] = 0.3
+    over = surface(heights, resolution=0.125)
+    x = over.origin[0] + 1.0 + 0.125 * (np.arange(240) + 0.5)
+    wall = points([(at, 2.5625, 0.3) for at in x], is_edge=[is_edge] * len(x))
+    scores = [
+        match(wall, np.array([-0.125 * cells, 0.0, 0.0]), over, (0.0, 0.0), COST).score
+        for cells in range(8)
+    ]
+    # Were the points beyond all counted, each cell would gain a clip's 240th.
+    assert np.abs(np.diff(scores)).max() < COST.clip / 240 / 5
+    across = match(wall, np.array([0.0, 0.25, 0.0]), over, (0.0, 0.0), COST)
+    assert across.score > scores[0] + COST.clip / 2
 
 
 def test_two_edges_of_different_height_cost_nothing():
