@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from heightmap25d_ros import sensor
+from heightmap25d_ros import se3, sensor
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid import TILE, Area, HeightGrid, HeightMap
 from heightmap25d_ros.intake import Reading
@@ -89,6 +89,7 @@ class Mapping:
         if content is not None:
             grid.write(content)
         self.grid = grid
+        self._has_begun = False
         self._use_params()
 
     def set_params(self, params: Params) -> None:
@@ -175,6 +176,8 @@ class Mapping:
             self._lost["scan: localization is lost"] += len(readings)
             return []
         for reading in readings:
+            if not self._has_begun:
+                self._begin(reading.T_map_base[0])
             result = self._mapper.integrate(
                 sensor.beams(
                     reading.scan,
@@ -194,3 +197,28 @@ class Mapping:
             )
             self.stamp_ns = reading.scan.stamp_ns
         return readings
+
+    def _begin(self, T_map_base: se3.Matrix) -> None:
+        """Put the ground that no laser sees under and around the robot into a map without any."""
+        self._has_begun = True
+        radius = self._params.mapping.start_radius
+        if radius > 0.0 and not self.grid.observed_area().rows:
+            self._mapper.integrate(_ground_around(T_map_base, radius, self._params.grid.resolution))
+
+
+def _ground_around(T_map_base: se3.Matrix, radius: float, resolution: float) -> sensor.Beams:
+    """The plane of base_link as returns, one in each cell with its centre within a radius [m]."""
+    position, normal = T_map_base[:3, 3], T_map_base[:3, 2]
+    side = np.arange(np.ceil(-radius / resolution), np.ceil(radius / resolution) + 1.0)
+    centre = (np.floor(position[:2] / resolution) + 0.5) * resolution
+    x, y = (axis.ravel() for axis in np.meshgrid(*(centre[:, None] + side * resolution)))
+    is_near = np.hypot(x - position[0], y - position[1]) <= radius
+    x, y = x[is_near], y[is_near]
+    z = position[2] - (normal[0] * (x - position[0]) + normal[1] * (y - position[1])) / normal[2]
+    places = np.column_stack([x, y, z])
+    return sensor.Beams(
+        origins=places,
+        ends=places,
+        is_hit=np.ones(len(places), bool),
+        is_lone=np.zeros(len(places), bool),
+    )

@@ -14,10 +14,11 @@ from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.params import Params, Value, flatten, is_live, with_values
 
 
-def read_yaml(path: Path, params: Params | None = None) -> Params:
-    """Parameters from a ROS parameter file, on top of the given ones or of the defaults.
+def read_yaml(path: Path, node: str) -> Params:
+    """The parameters of a node, by its name, from a ROS parameter file on top of the defaults.
 
-    Every ``ros__parameters`` block of the file is taken, whatever its node's name is.
+    Blocks of all nodes (``/**``) and of this one (``mapping``, ``/**/mapping``) are taken, in
+    whatever namespace, and in the order of the file.
 
     Raises
     ------
@@ -30,11 +31,13 @@ def read_yaml(path: Path, params: Params | None = None) -> Params:
         reason = " ".join(str(error).split())
         raise InputError(f"{path}: {reason}") from None
     values: dict[str, Any] = {}
-    for node, block in _mapping(path, "the file", document).items():
-        body = _mapping(path, node, block).get("ros__parameters")
-        values.update(_dotted(_mapping(path, f"{node}.ros__parameters", body)))
+    for name, block in _mapping(path, "the file", document).items():
+        body = _mapping(path, name, block).get("ros__parameters")
+        block_values = dict(_dotted(_mapping(path, f"{name}.ros__parameters", body)))
+        if str(name).rpartition("/")[2] in ("**", "*", node):
+            values |= block_values
     try:
-        return with_values(params or Params(), values)
+        return with_values(Params(), values)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 

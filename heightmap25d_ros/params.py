@@ -281,6 +281,11 @@ class MappingParams(_Section):
     publish_rate: float = _parameter(
         2.0, "most often that maps are published", "Hz", low=0.05, high=50.0
     )
+    start_radius: float = _parameter(
+        0.0,
+        "an empty map begins with flat ground this far around the robot, where no laser sees it; "
+        "what is seen replaces it; 0: with nothing", "m", low=0.0, high=10.0,
+    )  # fmt: skip
     max_cells: float = _parameter(
         32e6, "a map whose bounding box has more cells is not published or saved", low=256, high=1e9
     )

@@ -16,6 +16,7 @@ from heightmap25d_ros.traversability import convert
 START = 10**18
 MS = 10**6
 ALONG_X = (0.0, 0.0, 0.0, 1.0)
+NOTHING = (math.nan,)
 VALUES = {"grid.extent": 64.0, "intake.mounts": [0.0, 0.0, 0.5, 0.0, 0.0, 0.0]}
 
 
@@ -192,3 +193,43 @@ def test_a_lower_ceiling_counts_from_the_next_scan_on():
     made.take_scan("scan", scan(10, 2.0))
     assert made.merged["scans"] == 1
     assert heights(made) == {}  # the laser is 0.5 m above base_link
+
+
+def begun(m, at=0, x=0.5, pitch=0.0, ranges=NOTHING):
+    """Heights after a scan of a robot that is 1 m to the left, 0.2 m up and pitched."""
+    turn = (0.0, math.sin(pitch / 2), 0.0, math.cos(pitch / 2))
+    for milliseconds in (at, at + 20):
+        m.take_odometry(odometry(START + milliseconds * MS, (x, 1.0, 0.2), turn))
+    assert m.take_scan("scan", scan(at + 10, *ranges))
+    return heights(m)
+
+
+def test_a_map_begins_with_the_plane_that_the_robot_stands_on():
+    pitch = math.radians(-10.0)
+    around = begun(mapping(**{"mapping.start_radius": 1.2}), pitch=pitch)
+    assert len(around) == pytest.approx(math.pi * 1.2**2 / 0.125**2, rel=0.05)
+    for (x, y), height in around.items():
+        dx, dy = x + 0.0625 - 0.5, y + 0.0625 - 1.0
+        assert math.hypot(dx, dy) <= 1.2
+        assert height == pytest.approx(20 - 100 * dx * math.tan(pitch), abs=1.0)
+    assert begun(mapping()) == {}
+
+
+def test_what_is_seen_replaces_the_ground_that_a_map_began_with():
+    m = mapping(**{"mapping.start_radius": 1.2})
+    assert begun(m)[(1.25, 1.0)] == 20
+    for at in (100, 200, 300):
+        seen = begun(m, at, ranges=(0.8,))
+    assert seen[(1.25, 1.0)] == 70
+
+
+def test_a_loaded_map_is_not_added_to_and_a_cleared_one_begins_again():
+    m = mapping(**{"mapping.start_radius": 1.2})
+    before = begun(m)
+    content, _ = m.maps()
+    m.clear(content)
+    assert begun(m, at=100, x=3.0) == before
+    m.clear()
+    assert heights(m) == {}
+    after = begun(m, at=200, x=3.0)
+    assert {(x - 2.5, y) for x, y in after} == set(before)

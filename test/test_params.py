@@ -19,7 +19,7 @@ def test_config_file_and_page_of_parameters_are_current():
 
 
 def test_the_config_file_gives_the_defaults():
-    assert read_yaml(CONFIG / "heightmap25d.yaml") == Params()
+    assert read_yaml(CONFIG / "heightmap25d.yaml", "mapping") == Params()
 
 
 def dotted(document):
@@ -32,10 +32,13 @@ def dotted(document):
     "path", sorted(set(CONFIG.glob("*.yaml")) - {CONFIG / "heightmap25d.yaml"})
 )
 def test_a_preset_holds_only_what_differs_from_the_defaults(path):
-    defaults, preset = flatten(Params()), flatten(read_yaml(path))
-    changed = {name for name in defaults if preset[name] != defaults[name]}
-    document = yaml.safe_load(path.read_text())["/**"]["ros__parameters"]
-    assert set(dotted(document)) == changed != set()
+    document = yaml.safe_load(path.read_text())
+    of_all = set(dotted(document["/**"]["ros__parameters"]))
+    for node in ("mapping", "planning", "localization"):
+        defaults, preset = flatten(Params()), flatten(read_yaml(path, node))
+        changed = {name for name in defaults if preset[name] != defaults[name]}
+        own = document.get(f"/**/{node}", {"ros__parameters": {}})["ros__parameters"]
+        assert of_all | set(dotted(own)) == changed != set()
 
 
 def test_every_parameter_has_a_meaning_and_every_number_a_range():
@@ -88,8 +91,22 @@ def test_yaml_of_one_node_or_of_all_with_dots_or_nested(tmp_path):
     path.write_text(
         "mapping:\n  ros__parameters:\n    grid.resolution: 0.25\n    sensor: {max_range: 20.0}\n"
     )
-    params = read_yaml(path)
+    params = read_yaml(path, "mapping")
     assert (params.grid.resolution, params.sensor.max_range) == (0.25, 20.0)
+    assert read_yaml(path, "planning") == Params()
+
+
+def test_a_node_takes_the_blocks_of_all_nodes_and_its_own(tmp_path):
+    path = tmp_path / "p.yaml"
+    path.write_text(
+        "/**:\n  ros__parameters: {sensor.max_range: 20.0, grid.resolution: 0.25}\n"
+        "/**/mapping:\n  ros__parameters: {sensor.max_range: 6.0}\n"
+        "/robot/planning:\n  ros__parameters: {planner.timeout: 3.0}\n"
+    )
+    mapping, planning = (read_yaml(path, node) for node in ("mapping", "planning"))
+    assert (mapping.sensor.max_range, planning.sensor.max_range) == (6.0, 20.0)
+    assert (mapping.planner.timeout, planning.planner.timeout) == (2.0, 3.0)
+    assert mapping.grid.resolution == planning.grid.resolution == 0.25
 
 
 @pytest.mark.parametrize(
@@ -101,13 +118,13 @@ def test_a_bad_file_is_refused_in_one_line_with_its_name(tmp_path, text):
     path = tmp_path / "p.yaml"
     path.write_text(text)
     with pytest.raises(InputError, match=r"p\.yaml") as error:
-        read_yaml(path)
+        read_yaml(path, "mapping")
     assert "\n" not in str(error.value)
 
 
 def test_a_missing_file_is_refused(tmp_path):
     with pytest.raises(InputError, match="nowhere"):
-        read_yaml(tmp_path / "nowhere.yaml")
+        read_yaml(tmp_path / "nowhere.yaml", "mapping")
 
 
 def test_the_generated_yaml_holds_every_parameter():

@@ -3,6 +3,8 @@
 """Messages in, plans out, without ROS."""
 
 import math
+from itertools import islice
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,11 +12,16 @@ import pytest
 from bag_writer import header, odometry, rosbags_type
 from test_route import World, random_place
 
+from heightmap25d_msgs.msg import HeightGrid
+from heightmap25d_ros import messages
+from heightmap25d_ros.bag import Bag
+from heightmap25d_ros.mapping import Mapping
 from heightmap25d_ros.params import Params, with_values
 from heightmap25d_ros.planning import Planning
 from heightmap25d_ros.route import Status
 
 START = 10**18
+BAG = Path(__file__).parent.parent / "bags" / "ramp_1"
 CELL = 0.125
 SHAPE = 80, 80  # 10 m x 10 m
 IY, IX = np.indices(SHAPE)
@@ -438,3 +445,29 @@ def test_parameters_that_change_nothing_leave_the_path():
     p = planning(wall(NEAR, FAR))
     p.take_goal(pose_stamped(*EAST))
     assert p.set_params(with_changes(**{"planner.goal_tolerance": 0.1})) is None
+
+
+@pytest.mark.parametrize(
+    ("start_radius", "status"), [(0.0, Status.GOAL_OCCUPIED), (1.5, Status.NONE)]
+)
+def test_a_first_goal_needs_the_ground_that_the_lasers_do_not_see(start_radius, status):
+    """A robot that stands, of which no laser sees the ground nearer than 1.4 m."""
+    params = with_values(
+        Params(),
+        {"intake.scan_topics": ["/scan", "/scan_down"], "mapping.start_radius": start_radius},
+    )
+    mapping, planning = Mapping(params), Planning(params)
+    with Bag(BAG) as bag:
+        events = bag.events(["/scan", "/scan_down", "/odom", "/tf_static"])
+        for event in islice(events, 60):
+            if event.topic == "/odom":
+                mapping.take_odometry(event.message)
+                planning.take_odometry(event.message)
+            elif event.topic == "/tf_static":
+                mapping.take_transforms(event.message, is_static=True)
+            else:
+                mapping.take_scan(event.topic, event.message)
+    message = HeightGrid()
+    messages.fill_height_grid(message, mapping.maps()[0], mapping.stamp_ns, "map")
+    planning.take_map(message)
+    assert planning.take_goal(pose_stamped(0.7, 0.0)).status is status

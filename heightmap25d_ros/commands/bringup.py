@@ -46,13 +46,14 @@ def _bringup(options: argparse.Namespace) -> Figures:
 
     The same as launch/bringup.launch.py. When a node ends by itself, so do the others.
     """
-    read_params(options)  # a wrong file is told once, and here
+    names = options.nodes or NODES[: 3 if options.map else 2]
+    for name in names:
+        read_params(options, name)  # a wrong file is told once, and here
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _stop)
     processes: dict[str, subprocess.Popen[bytes]] = {}
     died: list[str] = []
     try:
-        names = options.nodes or NODES[: 3 if options.map else 2]
         for name in dict.fromkeys([*names, "watch"]):
             processes[name] = _started(name, options)
         while not died:

@@ -59,15 +59,15 @@ def add_command(
     return command
 
 
-def read_params(options: argparse.Namespace) -> Params:
-    """The parameters of ``--params``, or the defaults.
+def read_params(options: argparse.Namespace, node: str = "mapping") -> Params:
+    """The parameters of a node in ``--params``, or the defaults.
 
     Raises
     ------
     InputError
         If the file cannot be read or holds an unknown or unusable parameter.
     """
-    return parameter_file.read_yaml(options.params) if options.params else Params()
+    return parameter_file.read_yaml(options.params, node) if options.params else Params()
 
 
 def cell_counts(height_map: HeightMap, obstacle_map: ObstacleMap) -> Figures:

@@ -72,7 +72,7 @@ def _localize(options: argparse.Namespace) -> Figures:
     to be off [m, rad]) and pictures; with /ground_truth in the bag, the error as well.
     """
     with Bag(options.bag) as bag:
-        settings = with_scan_topics(read_params(options), bag, options.scan_topic)
+        settings = with_scan_topics(read_params(options, "localization"), bag, options.scan_topic)
         odom_topic = options.odom_topic or bag.odometry_topic()
         bag.require(odom_topic, ODOMETRY)
         long_term = map_io.load_in(

@@ -57,7 +57,7 @@ def _plan(options: argparse.Namespace) -> Figures:
     The path is written as TUM text, with the distance along it [m] in place of the time, and
     drawn over heights and obstacles, with a profile of height and slope.
     """
-    settings = read_params(options)
+    settings = read_params(options, "planning")
     height_map = map_io.load(options.map, settings.mapper.probability_threshold).height_map
     compile_kernels(settings)  # not what is timed
     graph = transition_graph(height_map, settings.traversability, settings.planner)
