@@ -29,17 +29,17 @@ PLAN: dict[str, Any] = {
 }  # fmt: skip
 
 
-def animate(path: Path, run: Any, goal: Sequence[float]) -> None:
+def animate(path: Path, run: Any, goals: Sequence[Sequence[float]]) -> None:
     """Draw a `Run` of closed_loop.py as a GIF."""
     shown = render.observed_part(run.maps[-1][1])
     geometry = shown.geometry
-    figure, artists = _stage(shown, goal)
+    figure, artists = _stage(shown)
     stamps = np.array([(stamp - run.driven[0][0]) * 1e-9 for stamp, _ in run.driven])
     stamps += run.seconds - stamps[-1]
     poses = np.array([T for _, T in run.driven])
     writer = PillowWriter(fps=FRAMES_PER_SECOND)
     with writer.saving(figure, path, DPI):
-        for seconds in np.arange(run.maps[0][0], run.seconds + EVERY, EVERY):
+        for seconds in np.arange(0.0, run.seconds + EVERY, EVERY):
             _show_map(artists, geometry, _newest(run.maps, seconds))
             plan = _newest(run.plans, seconds)
             artists["plan"].set_data(*(plan.T if plan is not None else np.empty((2, 0))))
@@ -48,16 +48,17 @@ def animate(path: Path, run: Any, goal: Sequence[float]) -> None:
             artists["driven"].set_data(done[:, 0, 3], done[:, 1, 3])
             artists["robot"].set_xy(_outline(done[-1]))
             far = np.linalg.norm(np.diff(done[:, :3, 3], axis=0), axis=1).sum()
-            plans = sum(run.goal_at <= at <= seconds and len(way) > 0 for at, way in run.plans)
-            task = f"plan {plans}" if plans else "by hand"
+            plans = sum(at <= seconds and len(way) > 0 for at, way in run.plans)
+            sent = max(int(np.searchsorted(run.sent_at, seconds, side="right")), 1)
+            artists["goal"].set_data(*([value] for value in goals[sent - 1][:2]))
             artists["title"].set_text(f"{min(seconds, run.seconds):5.1f} s   {far:5.1f} m driven   "
-                                      f"height {done[-1, 2, 3]:+.2f} m   {task}")  # fmt: skip
+                                      f"height {done[-1, 2, 3]:+.2f} m   plan {plans}")  # fmt: skip
             writer.grab_frame()
         for _ in range(LAST):
             writer.grab_frame()
 
 
-def _stage(last: HeightMap, goal: Sequence[float]) -> tuple[Figure, dict[str, Any]]:
+def _stage(last: HeightMap) -> tuple[Figure, dict[str, Any]]:
     """The figure, and what of it changes."""
     figure, axes = render.map_axes(last.geometry)
     width, height = figure.get_size_inches()
@@ -77,9 +78,9 @@ def _stage(last: HeightMap, goal: Sequence[float]) -> tuple[Figure, dict[str, An
         "plan": axes.plot([], [], **PLAN)[0],
         "driven": axes.plot([], [], **render.TRAJECTORY)[0],
         "robot": axes.fill([0.0], [0.0], facecolor="white", edgecolor="black")[0],
+        "goal": axes.plot([], [], "*", color="white", markeredgecolor="black", markersize=14)[0],
         "title": axes.set_title("", family="monospace", fontsize=10),
     }  # fmt: skip
-    axes.plot(*goal[:2], "*", color="white", markeredgecolor="black", markersize=14)
     return figure, artists
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Simulator, mapping, planning and driver over DDS: the robot goes where it is sent."""
+"""Simulator, the three nodes and driver over DDS: the robot goes where it is sent."""
 
 import json
 import subprocess
@@ -8,7 +8,6 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import pytest
 from bag_writer import odometry, rclpy_type
 from geometry_msgs.msg import PoseStamped, Twist
 from nav_msgs.msg import Path as PathMessage
@@ -22,7 +21,7 @@ TRUTH = ROOT / "bags" / "ramp_1" / "truth" / "surface.npz"
 MS = 10**6
 
 
-def test_robot_maps_a_ramp_and_drives_back_over_it_to_its_goal(tmp_path):
+def test_robot_finds_its_way_over_a_ramp_and_back_on_drifting_odometry(tmp_path):
     done = subprocess.run(
         [sys.executable, ROOT / "scripts" / "closed_loop.py", "-o", tmp_path, "--json"],
         capture_output=True, text=True, check=False,
@@ -31,19 +30,21 @@ def test_robot_maps_a_ramp_and_drives_back_over_it_to_its_goal(tmp_path):
     found = json.loads(done.stdout)
     assert found["arrived"] is True
     assert found["status of the last plan"] == "NONE"
-    assert found["distance to the goal at the end [m]"] < 0.3
-    assert found["plans"] >= 1
+    assert found["plans"] >= 2
     # No detour worth the name; nothing that the robot does not climb.
-    straight = found["straight distance to the goal [m]"]
-    assert straight <= found["path length [m]"] + 0.3 < 1.2 * straight
+    straight = found["straight distances to the goals [m]"]
+    assert 43.0 < straight <= found["path length [m]"] + 0.6 < 1.2 * straight
     assert found["largest true step under the robot [m]"] < 0.1
     assert found["steepest true slope under the robot [deg]"] < 10.0
-    # The goal is on the landing, at ground zero; the yard is as deep as the world has it.
+    # The landing is at ground zero, the yard as deep as the world has it.
     ground = drivability.read_ground(TRUTH)
     yard = ground.height[tuple(ground.geometry.cell_at((24.5, -0.6)))]
-    assert found["climb [m]"] == pytest.approx(-yard, abs=0.05)
-    last = (tmp_path / "driven.tum").read_text().splitlines()[-1].split()
-    np.testing.assert_allclose([float(n) for n in last[1:4]], (3.0, 0.0, 0.0), atol=0.3)
+    np.testing.assert_allclose(found["lowest and highest [m]"], (yard, 0.0), atol=0.05)
+    # It stands within 0.3 m of where it takes the goal to be. On the way back it looks where the
+    # long-term map was never made, so that its pose is off by decimetres there.
+    _, _, end = found["error of the pose: RMSE, largest, at the end [m]"]
+    assert end < 1.0
+    assert found["distance to the goal at the end [m]"] < 0.3 + end + 0.05
     assert (tmp_path / "map" / "map.pgm").exists()
     with Image.open(tmp_path / "run.gif") as animation:
         assert animation.n_frames > 20
