@@ -10,6 +10,7 @@ import subprocess
 import numpy as np
 import pytest
 from bag_writer import laser_scan, odometry, rclpy_type
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from localization_bags import BAGS, events_of, heights, map_of_another_drive, truth_of
 from node_client import LATCHED, PATIENCE, Client, mapping_node, replay, start
@@ -211,6 +212,43 @@ def test_a_map_from_a_topic_an_initial_pose_and_a_search(room_map):
         _, log = process.communicate(timeout=PATIENCE)
         client.close()
     assert process.returncode == 0, log
+
+
+def test_a_lost_robot_is_an_error_on_diagnostics(room_map):
+    client = Client("/astray")
+    seen = []
+    client.node.create_subscription(
+        DiagnosticArray, "/diagnostics",
+        lambda message: seen.extend(s for s in message.status if s.name == "/astray/localization"),
+        100,
+    )  # fmt: skip
+    client.subscribe("/astray/localization/status", LocalizationStatus)
+    process = start(
+        "nodes.localization", "--ros-args", "-r", "__ns:=/astray", *SCANS,
+        "-p", f"localization.map_directory:={room_map}",
+        "-p", "localization.relocalize_when_lost:=false", "-p", "localization.lost_refusals:=1",
+    )  # fmt: skip
+    try:
+        client.wait(lambda: "/astray/localization/status" in client.newest and seen)
+        assert seen[-1].level == DiagnosticStatus.OK
+        far = PoseWithCovarianceStamped()
+        far.header.frame_id = "map"
+        far.pose.pose.position.x, far.pose.pose.orientation.w = 90.0, 1.0
+        client.publish("initialpose", far)
+        rules = [f"/{name}:=/astray/{name}" for name in ("scan", "scan_down", "odom")]
+        played = replay(BAGS / "room_1", "--rate", "2", "--duration", "5", "--remap", *rules)
+        client.wait(
+            lambda: client.newest["/astray/localization/status"].state == LOST, 2 * PATIENCE
+        )
+        count = len(seen)
+        client.wait(lambda: len(seen) > count + 1)
+        assert seen[-1].level == DiagnosticStatus.ERROR
+        assert seen[-1].message.startswith("active; the robot is lost")
+        played.wait(PATIENCE)
+    finally:
+        process.send_signal(2)
+        process.wait(PATIENCE)
+        client.close()
 
 
 @pytest.mark.parametrize("what", ["missing", "other frame"])

@@ -132,12 +132,18 @@ class Diagnostics:
     def _publish(self) -> None:
         now = self._node.get_clock().now()
         self._clock_ns = self._clock_ns[1], now.nanoseconds
-        found = self._findings()
-        state = self._node.state_label
+        found = [str(finding) for finding in self._findings()]
+        state, level = self._node.state_label, DiagnosticStatus.OK
+        trouble = self._node.trouble() if self._node.is_configured else ""
+        if trouble:
+            level = DiagnosticStatus.ERROR
+            found.insert(0, trouble)
+        elif found:
+            level = DiagnosticStatus.WARN
         status = DiagnosticStatus(
-            level=DiagnosticStatus.WARN if found else DiagnosticStatus.OK,
+            level=level,
             name=self._node.get_fully_qualified_name(),
-            message="; ".join([state, *map(str, found)]),
+            message="; ".join([state, *found]),
             hardware_id=self._node.get_namespace(),
         )
         values: dict[str, Any] = {"state": state, **self._rates()}

@@ -88,6 +88,10 @@ class LocalizationNode(ManagedNode):
         """How many messages were not used, by reason."""
         return self._localizer.dropped
 
+    def trouble(self) -> str:
+        """Where the robot is lost, nobody should rely on the pose."""
+        return "the robot is lost" if self._localizer.state is State.LOST else ""
+
     def figures(self) -> dict[str, Any]:
         """What /diagnostics tells of the pose."""
         figures: dict[str, Any] = {"localization": self._localizer.state.name}

@@ -69,6 +69,10 @@ class ManagedNode(LifecycleNode):
         """What /diagnostics shall tell besides rates and drops. The node is configured."""
         raise NotImplementedError
 
+    def trouble(self) -> str:
+        """What stops the node from doing its work, or nothing. The node is configured."""
+        return ""
+
     def take_params(self) -> None:
         """`params` have changed; the node is configured."""
 
