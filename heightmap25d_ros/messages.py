@@ -361,6 +361,51 @@ def fill_height_points(
     message.is_dense = True
 
 
+def fill_grid_map(
+    message: Any,
+    multi_array: Any,
+    dimension: Any,
+    height_map: HeightMap,
+    stamp: int,
+    frame_id: str,
+) -> None:
+    """Fill a grid_map_msgs/GridMap with the layers ``elevation`` [m] and ``probability``.
+
+    Its cells are stored as Eigen stores a matrix, column by column, where rows run along -x and
+    columns along -y from the corner of the largest x and y. Unknown heights are NaN, as its
+    readers expect.
+
+    Parameters
+    ----------
+    message : grid_map_msgs.msg.GridMap
+    multi_array, dimension : the classes std_msgs.msg.Float32MultiArray and MultiArrayDimension
+    height_map : HeightMap
+    stamp : int [ns]
+    frame_id : str
+    """
+    fill_header(message.header, stamp, frame_id)
+    geometry = height_map.geometry
+    columns, rows = geometry.shape  # of the matrix: our rows run along y
+    message.info.resolution = geometry.resolution
+    message.info.length_x, message.info.length_y = (
+        cells * geometry.resolution for cells in (rows, columns)
+    )
+    centre = message.info.pose
+    centre.position.x = geometry.origin[0] + message.info.length_x / 2
+    centre.position.y = geometry.origin[1] + message.info.length_y / 2
+    centre.orientation.w = 1.0
+    elevation = np.where(height_map.known, height_map.height * HEIGHT_RESOLUTION, np.nan)
+    layers = {"elevation": elevation, "probability": height_map.probability / PROBABILITY_SCALE}
+    message.layers, message.basic_layers = list(layers), ["elevation"]
+    for values in layers.values():
+        data = multi_array(data=_array("f", values[::-1, ::-1].astype(np.float32)))
+        data.layout.dim = [
+            dimension(label="column_index", size=columns, stride=rows * columns),
+            dimension(label="row_index", size=rows, stride=rows),
+        ]
+        message.data.append(data)
+
+
 def fill_path(
     message: Any, pose_stamped: Any, poses: NDArray[np.float64], stamp: int, frame_id: str
 ) -> None:

@@ -3,6 +3,7 @@
 """Messages of rclpy and of rosbags, sound and unsound; what is published, byte by byte."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -294,6 +295,39 @@ def test_height_points_are_the_tops_of_known_cells():
     points = np.frombuffer(message.data, "<f4").reshape(-1, 4)
     expected = [(-0.9375, 2.0625, 1.5, 1.0), (-0.8125, 2.1875, -3.25, 0.6)]
     np.testing.assert_allclose(points, expected, atol=1e-6)
+
+
+def test_grid_map_is_stored_as_its_readers_look_it_up():
+    """grid_map: cell (r, c) is r cells along -x and c along -y from the corner of largest x, y."""
+    info = SimpleNamespace(pose=rclpy_type("geometry_msgs/msg/Pose")())
+    message = SimpleNamespace(header=rclpy_type("std_msgs/msg/Header")(), info=info, data=[])
+    height_map = a_map([[65535, 10, 65535], [0, 39321, 65535]], height=[[150, 1, 7], [2, -325, 9]])
+    multi_array, dimension = (
+        rclpy_type(f"std_msgs/msg/{name}") for name in ("Float32MultiArray", "MultiArrayDimension")
+    )
+    messages.fill_grid_map(message, multi_array, dimension, height_map, 12_000_000_034, "map")
+    assert (message.header.stamp.sec, message.header.frame_id) == (12, "map")
+    assert message.layers == ["elevation", "probability"]
+    cell, known = info.resolution, {}
+    for layer, data in zip(message.layers, message.data, strict=True):
+        outer, inner = data.layout.dim
+        assert (outer.label, inner.label) == ("column_index", "row_index")
+        assert (outer.size, outer.stride, inner.size, inner.stride) == (2, 6, 3, 3)
+        for c, r in np.ndindex(outer.size, inner.size):
+            x = info.pose.position.x + info.length_x / 2 - (r + 0.5) * cell
+            y = info.pose.position.y + info.length_y / 2 - (c + 0.5) * cell
+            known[layer, round(x, 4), round(y, 4)] = data.data[c * inner.stride + r]
+    points = rclpy_type("sensor_msgs/msg/PointCloud2")()
+    point_field = rclpy_type("sensor_msgs/msg/PointField")
+    messages.fill_height_points(points, point_field, height_map, 0, "map")
+    tops = np.frombuffer(points.data, "<f4").reshape(-1, 4).round(4).tolist()
+    assert len(tops) == 4
+    for x, y, z, probability in tops:
+        x, y = round(x, 4), round(y, 4)  # noqa: PLW2901 - as float32 has them
+        assert known["elevation", x, y] == pytest.approx(z)
+        assert known["probability", x, y] == pytest.approx(probability, abs=1e-4)
+    heights = [value for (layer, *_), value in known.items() if layer == "elevation"]
+    assert np.isfinite(heights).sum() == 4
 
 
 def test_height_points_of_a_map_without_known_cells():

@@ -16,6 +16,7 @@ from nav_msgs.srv import GetMap
 from rclpy.clock import Clock, ClockType
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import LaserScan, PointCloud2, PointField
+from std_msgs.msg import Float32MultiArray, MultiArrayDimension
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
@@ -31,6 +32,11 @@ from heightmap25d_ros.nodes import process
 from heightmap25d_ros.nodes.managed import REPORT_PERIOD, ManagedNode
 from heightmap25d_ros.traversability import ObstacleMap
 
+try:
+    from grid_map_msgs.msg import GridMap
+except ImportError:
+    GridMap = None
+
 _Maps = tuple[HeightMap, ObstacleMap]
 _MAPS = {
     "height_grid": HeightGridMessage,
@@ -38,6 +44,8 @@ _MAPS = {
     "cost_map": OccupancyGrid,
     "height_points": PointCloud2,
 }
+if GridMap is not None:
+    _MAPS["grid_map"] = GridMap
 
 
 class MappingNode(ManagedNode):
@@ -176,6 +184,11 @@ class MappingNode(ManagedNode):
         elif topic == "height_points":
             message = PointCloud2()
             messages.fill_height_points(message, PointField, height_map, stamp, self._frame)
+        elif topic == "grid_map":
+            message = GridMap()
+            messages.fill_grid_map(
+                message, Float32MultiArray, MultiArrayDimension, height_map, stamp, self._frame
+            )
         else:
             cells = obstacle_map.occupancy if topic == "map" else obstacle_map.cost
             message = OccupancyGrid()
