@@ -41,8 +41,9 @@ ORDER = [
 ]  # fmt: skip
 
 # rosdep's name of what is imported under another name; rosbags and the extras, mujoco and rerun,
-# have none, and llvmlite comes with numba.
+# have none, llvmlite comes with numba, and grid_map_msgs is used where it is.
 ROSDEP_KEYS = {
+    "grid_map_msgs": None,
     "llvmlite": None,
     "matplotlib": "python3-matplotlib",
     "mpl_toolkits": "python3-matplotlib",
