@@ -101,9 +101,7 @@ class Planning:
             self.dropped[f"odometry: of {odometry.child_frame_id!r}"] += 1
             return None
         self._T_odom_base = odometry.T
-        if self._goal is None:
-            return None
-        return self._planned() if self._plan is None else self._followed()
+        return self._followed() if self._goal is not None and self._plan is not None else None
 
     def take_correction(self, message: Any) -> None:
         """Take a geometry_msgs/PoseWithCovarianceStamped in: the pose of odom in the map."""
@@ -120,9 +118,9 @@ class Planning:
             goal = self._place(message, "goal_pose")
         except _RefusedError as refused:
             return refused.plan
-        self._goal = goal
-        if self._robot() is None:  # the first odometry is answered with the plan
+        if self._robot() is None:
             return Plan(status=Status.TF_ERROR, reason="no odometry has come yet")
+        self._goal = goal
         return self._planned()
 
     def set_params(self, params: Params) -> Plan | None:

@@ -170,7 +170,12 @@ def drive(run: Run, directory: Path, rate: float) -> None:
         wait(node, lambda: run.maps and run.seconds > SETTLED)
         for goal in GOALS:
             run.sent_at.append(run.seconds)
-            goals.publish(stamped(goal))
+            count = len(run.plans)
+            while len(run.plans) == count or run.status is None or run.status.code:
+                goals.publish(stamped(goal))  # again, until planning has heard the robot
+                spin(node, 1.0)
+                if run.seconds > run.sent_at[-1] + LONGEST:
+                    break
             end = run.seconds + LONGEST
             wait(
                 node,
@@ -237,6 +242,12 @@ def wait(node: Node, is_done, seconds: float = PATIENCE) -> None:
     while not is_done():
         if time.monotonic() > end:
             raise SystemExit("closed_loop: waited in vain")
+        rclpy.spin_once(node, timeout_sec=0.1)
+
+
+def spin(node: Node, seconds: float) -> None:
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
         rclpy.spin_once(node, timeout_sec=0.1)
 
 
