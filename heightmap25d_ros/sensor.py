@@ -111,7 +111,7 @@ def _range_to_ground(
     T_base_sensor : (N, 4, 4) or (1, 4, 4) float64
     """
     height = T_base_sensor[:, 2, 3]
-    fall = -(T_base_sensor[:, 2, :2] * directions).sum(axis=-1)
+    fall = -(T_base_sensor[:, 2, 0] * directions[:, 0] + T_base_sensor[:, 2, 1] * directions[:, 1])
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(fall > 0.0, np.maximum(height, 0.0) / fall, np.inf)
 
@@ -156,7 +156,8 @@ def beams(
     origins = np.broadcast_to(T_map_sensor[:, :3, 3], (len(ranges), 3))[used]
     base_z = np.broadcast_to(T_map_base[:, 2, 3], len(ranges))[used]
     axes = np.broadcast_to(T_map_sensor[:, :3, :2], (len(ranges), 3, 2))[used]
-    direction = (axes * in_plane[used, None, :]).sum(axis=-1)
+    along = in_plane[used]
+    direction = axes[:, :, 0] * along[:, :1] + axes[:, :, 1] * along[:, 1:]
     ends = origins + reach[used, None] * direction
 
     above_base = ends[:, 2] - base_z
