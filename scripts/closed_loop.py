@@ -34,6 +34,7 @@ from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMessage
 from numpy.typing import NDArray
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from heightmap25d_msgs.msg import HeightGrid, PlanStatus
@@ -52,7 +53,7 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 PATIENCE = 60.0  # [s] for a node to start, and for a service to answer
 LONGEST = 120.0  # [s], simulated: a drive that takes longer is given up
 STANDS = 0.01  # [m/s]
-SETTLED = 2.0  # [s], simulated: all nodes hear the robot by then
+AGAIN = 1.0  # [s] from one time that a goal is sent to the next
 
 GOALS = ((24.5, -0.6, 0.0), (3.0, 0.0, np.pi))  # [m], [rad], map: in the yard, and on the landing
 NODES = ("mapping", "localization", "planning", "driver", "simulator")
@@ -167,21 +168,10 @@ def drive(run: Run, directory: Path, rate: float) -> None:
             for argument in arguments.get(name, []):
                 command += ["-p", argument]
             processes.append(subprocess.Popen(command))
-        wait(node, lambda: run.maps and run.seconds > SETTLED)
+        wait(node, lambda: run.maps and run.known)
         for goal in GOALS:
             run.sent_at.append(run.seconds)
-            count = len(run.plans)
-            while len(run.plans) == count or run.status is None or run.status.code:
-                goals.publish(stamped(goal))  # again, until planning has heard the robot
-                spin(node, 1.0)
-                if run.seconds > run.sent_at[-1] + LONGEST:
-                    break
-            end = run.seconds + LONGEST
-            wait(
-                node,
-                lambda goal=goal, end=end: run.stands_at(goal) or run.seconds > end,
-                LONGEST / rate + PATIENCE,
-            )
+            send(node, run, goals, goal, LONGEST / rate + PATIENCE)
             if not run.stands_at(goal):
                 break
             run.arrived_at.append(run.seconds)
@@ -199,6 +189,23 @@ def make_map(directory: Path) -> None:
     command = ["heightmap25d", "map", BAG, "-o", directory, "--odom-topic", "/ground_truth",
                "--params", PARAMS]  # fmt: skip
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+
+
+def send(node: Node, run: Run, goals: Publisher, goal: Sequence[float], seconds: float) -> None:
+    """Send a goal until there is a path to it, and wait until the robot has arrived or given up.
+
+    Planning refuses a goal while it has not heard the robot.
+    """
+    count, end = len(run.plans), run.seconds + LONGEST
+
+    def publish() -> None:
+        if not any(len(way) for _, way in run.plans[count:]):
+            goals.publish(stamped(goal))
+
+    publish()
+    timer = node.create_timer(AGAIN, publish)
+    wait(node, lambda: run.stands_at(goal) or run.seconds > end, seconds)
+    node.destroy_timer(timer)
 
 
 def subscribe(node: Node, run: Run) -> None:
@@ -242,12 +249,6 @@ def wait(node: Node, is_done, seconds: float = PATIENCE) -> None:
     while not is_done():
         if time.monotonic() > end:
             raise SystemExit("closed_loop: waited in vain")
-        rclpy.spin_once(node, timeout_sec=0.1)
-
-
-def spin(node: Node, seconds: float) -> None:
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
         rclpy.spin_once(node, timeout_sec=0.1)
 
 
