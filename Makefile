@@ -11,7 +11,7 @@ demo: build ## a recorded bag through the real nodes to a map, under out/demo/
 	@source env.sh && python scripts/demo.py
 
 demo-loop: build ## a simulated robot maps a ramp, plans and drives back over it; out/closed_loop/
-	@source env.sh && python scripts/closed_loop.py
+	@source env.sh && python studies/closed_loop.py
 
 test: build ## the tests
 	@source env.sh && python -m pytest test

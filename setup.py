@@ -37,7 +37,7 @@ setup(
         "test": ["pytest"],  # has colcon test run pytest
     },
     python_requires=">=3.10",
-    zip_safe=True,
+    zip_safe=False,
     entry_points={
         "console_scripts": [
             "driver = heightmap25d_ros.nodes.driver:main",

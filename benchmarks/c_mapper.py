@@ -10,9 +10,10 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-from heightmap25d_ros.grid import HEIGHT_RESOLUTION, HeightGrid, stored_probability
-from heightmap25d_ros.params import MapperParams, SensorParams
-from heightmap25d_ros.sensor import Beams
+from heightmap25d_ros.grid.height_grid import HeightGrid
+from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, stored_probability
+from heightmap25d_ros.mapping.sensor_model import Beams
+from heightmap25d_ros.params.sections import MapperParams, SensorParams
 
 COMPILER = ("cc", "-O3", "-march=native", "-ffp-contract=off", "-fPIC", "-shared")
 SOURCE = Path(__file__).with_name("mapper.c")

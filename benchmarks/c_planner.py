@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from heightmap25d_ros.planner import DIAGONAL, LARGEST_COST, STRAIGHT, Cell, CostToGo
+from heightmap25d_ros.grid.height_map import Cell
+from heightmap25d_ros.planning.search import DIAGONAL, LARGEST_COST, STRAIGHT, CostToGo
 
 COMPILER = ("cc", "-O3", "-march=native", "-fPIC", "-shared")
 SOURCE = Path(__file__).with_name("planner.c")

@@ -22,9 +22,12 @@ import numpy as np
 from numba import njit
 from scipy import ndimage
 
-from heightmap25d_ros.grid import TILE, Area, HeightGrid, HeightMap
-from heightmap25d_ros.params import GridParams, MapperParams, TraversabilityParams
-from heightmap25d_ros.traversability import ObstacleGrid, convert, step_obstacles
+from heightmap25d_ros.grid.height_grid import TILE, HeightGrid
+from heightmap25d_ros.grid.height_map import Area, HeightMap
+from heightmap25d_ros.params.sections import GridParams, MapperParams, TraversabilityParams
+from heightmap25d_ros.terrain.obstacle_grid import ObstacleGrid
+from heightmap25d_ros.terrain.steps import step_obstacles
+from heightmap25d_ros.terrain.traversability import to_obstacle_map
 
 SIDE = 4000
 BLOCK = 240
@@ -49,7 +52,7 @@ def measure(rounds: int = ROUNDS) -> dict[str, float]:
                 ndimage.maximum_filter(heights, 3),
                 ndimage.minimum_filter(heights, 3),
             ),
-            "convert": lambda: convert(height_map, params),
+            "convert": lambda: to_obstacle_map(height_map, params),
             "update_block": functools.partial(_update_block, grid, obstacles),
         },
         rounds,

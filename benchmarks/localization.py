@@ -21,10 +21,11 @@ import time
 import numpy as np
 import small_gicp
 
-from heightmap25d_ros import matching
-from heightmap25d_ros.matching import Cost, Points, Surface
-from heightmap25d_ros.params import RegistrationParams
-from heightmap25d_ros.registration import register
+from heightmap25d_ros.localization import matching
+from heightmap25d_ros.localization.matching import Cost, RegistrationPoints
+from heightmap25d_ros.localization.registration import register
+from heightmap25d_ros.localization.surface import Surface, edges
+from heightmap25d_ros.params.sections import RegistrationParams
 
 PLACES = 100
 TIMED = 20  # of them
@@ -78,7 +79,7 @@ def _timed(times, errors, name, truth, run) -> None:
     errors.setdefault(name, []).append(offset - truth)
 
 
-def _material(seed: int) -> tuple[Points, Surface, np.ndarray]:
+def _material(seed: int) -> tuple[RegistrationPoints, Surface, np.ndarray]:
     rng = np.random.default_rng(seed)
     boxes = np.column_stack([
         rng.uniform(-9, 9, (60, 2)), rng.uniform(0.15, 0.7, (60, 2)), rng.uniform(0, np.pi, 60),
@@ -87,20 +88,19 @@ def _material(seed: int) -> tuple[Points, Surface, np.ndarray]:
     truth = rng.uniform(-REACH, REACH)
     heights = _cells(boxes, np.zeros(3)) + rng.normal(0.0, NOISE, (SIDE, SIDE))
     heights = heights.astype(np.float32)
-    edges = matching.edges(heights, PARAMS.edge_step)
-    surface = Surface(heights, edges, (-SIDE * CELL / 2,) * 2, CELL)
+    surface = Surface(heights, edges(heights, PARAMS.edge_step), (-SIDE * CELL / 2,) * 2, CELL)
     seen = (_cells(boxes, truth) + rng.normal(0.0, NOISE, (SIDE, SIDE))).astype(np.float32)
     axis = (np.arange(SIDE) + 0.5) * CELL - SIDE * CELL / 2
     x, y = np.meshgrid(axis, axis)
-    points = Points(
+    points = RegistrationPoints(
         np.column_stack([x.ravel(), y.ravel(), seen.ravel().astype(np.float64)]),
-        matching.edges(seen, PARAMS.edge_step).ravel(),
+        edges(seen, PARAMS.edge_step).ravel(),
         np.ones(SIDE * SIDE),
     )
     return points, surface, truth
 
 
-def _ours(points: Points, surface: Surface) -> np.ndarray:
+def _ours(points: RegistrationPoints, surface: Surface) -> np.ndarray:
     return register(points, (0.0, 0.0), surface, PRIOR, PARAMS).offset
 
 
@@ -122,7 +122,7 @@ def _hypotheses() -> int:
     return int(np.prod(2 * np.ceil(REACH / FINE) + 1))
 
 
-def _numpy_seconds(points: Points, surface: Surface) -> float:
+def _numpy_seconds(points: RegistrationPoints, surface: Surface) -> float:
     """The clipped difference of all cells, for all hypotheses."""
     rng = np.random.default_rng(0)
     px, py, pz = points.xyz.T
@@ -138,7 +138,7 @@ def _numpy_seconds(points: Points, surface: Surface) -> float:
     return (time.perf_counter() - began) / SAMPLE_NUMPY * _hypotheses()
 
 
-def _kernel_seconds(points: Points, surface: Surface) -> float:
+def _kernel_seconds(points: RegistrationPoints, surface: Surface) -> float:
     steps = np.arange(-5, 5)
     yaws = np.linspace(-REACH[2], REACH[2], SAMPLE_KERNEL // 100)
     began = time.perf_counter()
@@ -146,7 +146,7 @@ def _kernel_seconds(points: Points, surface: Surface) -> float:
     return (time.perf_counter() - began) / SAMPLE_KERNEL * _hypotheses()
 
 
-def _icp(points: Points, surface: Surface, kind: str) -> np.ndarray:
+def _icp(points: RegistrationPoints, surface: Surface, kind: str) -> np.ndarray:
     axis = (np.arange(SIDE) + 0.5) * CELL - SIDE * CELL / 2
     x, y = np.meshgrid(axis, axis)
     target = np.column_stack([x.ravel(), y.ravel(), surface.heights.ravel().astype(np.float64)])

@@ -24,10 +24,11 @@ import numpy_mapper
 import octomap
 import stream
 
-from heightmap25d_ros.grid import Area, HeightGrid
-from heightmap25d_ros.mapper import Mapper
-from heightmap25d_ros.params import MapperParams, Params
-from heightmap25d_ros.sensor import Beams
+from heightmap25d_ros.grid.height_grid import HeightGrid
+from heightmap25d_ros.grid.height_map import Area
+from heightmap25d_ros.mapping.mapper import Mapper
+from heightmap25d_ros.mapping.sensor_model import Beams
+from heightmap25d_ros.params.sections import MapperParams, Params
 
 ROUNDS = 3
 RUNS = 3  # of the fast ones in a round

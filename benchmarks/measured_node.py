@@ -9,8 +9,8 @@ from pathlib import Path
 
 from rclpy.executors import SingleThreadedExecutor
 
-from heightmap25d_ros.mapping import Mapping
-from heightmap25d_ros.nodes import mapping, process
+from heightmap25d_ros.nodes import mapping, runtime
+from heightmap25d_ros.pipelines.mapping import Mapping
 
 merged: dict[str, float] = {}
 made: list[Mapping] = []
@@ -32,8 +32,8 @@ if __name__ == "__main__":
     file = Path(sys.argv[1])
     mapping.Mapping = MeasuredMapping
     if sys.argv[2] == "default":
-        process.EventsExecutor = SingleThreadedExecutor  # what rclpy.spin() takes
-    process.run(
+        runtime.EventsExecutor = SingleThreadedExecutor  # what rclpy.spin() takes
+    runtime.run(
         mapping.MappingNode,
         ["measured_node", "--ros-args", "-p", "intake.scan_topics:=[scan, scan_down]"],
     )

@@ -21,12 +21,13 @@ import numpy as np
 import octomap
 import stream
 
-from heightmap25d_ros.bag import Bag
-from heightmap25d_ros.grid import HeightGrid
-from heightmap25d_ros.mapper import Mapper
-from heightmap25d_ros.mapping import Mapping
-from heightmap25d_ros.params import GridParams, MapperParams, Params, with_values
-from heightmap25d_ros.sensor import Beams
+from heightmap25d_ros.grid.height_grid import HeightGrid
+from heightmap25d_ros.io.bag import Bag
+from heightmap25d_ros.mapping.mapper import Mapper
+from heightmap25d_ros.mapping.sensor_model import Beams
+from heightmap25d_ros.params.by_name import with_values
+from heightmap25d_ros.params.sections import GridParams, MapperParams, Params
+from heightmap25d_ros.pipelines.mapping import Mapping
 
 RAMP = Path(__file__).parent.parent / "bags" / "ramp"
 PAPER_LAYERS = 16  # of the coarse evidence grid that the paper compares with

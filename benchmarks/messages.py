@@ -24,9 +24,9 @@ from rclpy.serialization import deserialize_message
 from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import LaserScan
 
-from heightmap25d_ros import messages
-from heightmap25d_ros.bag import LASER_SCAN, Bag
-from heightmap25d_ros.grid import Geometry
+from heightmap25d_ros.grid.height_map import Geometry
+from heightmap25d_ros.io import decode, encode
+from heightmap25d_ros.io.bag import LASER_SCAN, Bag
 
 RAMP = Path(__file__).parent.parent / "bags" / "ramp"
 ROUNDS = 7
@@ -50,12 +50,12 @@ def measure() -> dict[str, float]:
             "decode LaserScan, rclpy": (CALLS, partial(deserialize_message, data, LaserScan)),
             "decode LaserScan, rosbags": (CALLS, partial(store.deserialize_cdr, data, LASER_SCAN)),
             "decode LaserScan, numpy": (CALLS, partial(_numpy_ranges, data)),
-            "messages.scan": (CALLS, partial(messages.scan, decoded)),
+            "messages.scan": (CALLS, partial(decode.scan, decoded)),
             "OccupancyGrid.data, array.array": (5, partial(setattr, grid, "data", cells_array)),
             "OccupancyGrid.data, list": (1, partial(setattr, grid, "data", cells_list)),
             "fill_occupancy_grid": (
                 5,
-                partial(messages.fill_occupancy_grid, grid, cells, geometry, 0, "map"),
+                partial(encode.fill_occupancy_grid, grid, cells, geometry, 0, "map"),
             ),
         }
     )

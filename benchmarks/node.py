@@ -31,7 +31,7 @@ from sensor_msgs.msg import LaserScan, PointCloud2
 from tf2_msgs.msg import TFMessage
 
 from heightmap25d_msgs.msg import HeightGrid
-from heightmap25d_ros.bag import Bag
+from heightmap25d_ros.io.bag import Bag
 
 RAMP = Path(__file__).parent.parent / "bags" / "ramp"
 TYPES = {"/scan": LaserScan, "/scan_down": LaserScan, "/odom": Odometry, "/tf_static": TFMessage}

@@ -11,9 +11,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from heightmap25d_ros.grid import HEIGHT_RESOLUTION, HeightGrid
-from heightmap25d_ros.params import MapperParams, SensorParams
-from heightmap25d_ros.sensor import Beams
+from heightmap25d_ros.grid.height_grid import HeightGrid
+from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION
+from heightmap25d_ros.mapping.sensor_model import Beams
+from heightmap25d_ros.params.sections import MapperParams, SensorParams
 
 SAMPLES_PER_CELL = 2
 SIDE = 1024  # of the dense arrays, around the middle of the grid's extent [cells]

@@ -42,11 +42,12 @@ from numpy.typing import NDArray
 from scipy import ndimage, sparse
 from skimage.graph import MCP_Geometric
 
-from heightmap25d_ros.grid import Geometry, HeightMap
-from heightmap25d_ros.params import PlannerParams, TraversabilityParams
-from heightmap25d_ros.planner import DIAGONAL, STRAIGHT, Cell, cost_to_go
-from heightmap25d_ros.terrain import NEIGHBOURS
-from heightmap25d_ros.transition_costs import incoming_costs, transition_graph
+from heightmap25d_ros.grid.height_map import Cell, Geometry, HeightMap
+from heightmap25d_ros.params.sections import PlannerParams, TraversabilityParams
+from heightmap25d_ros.planning.graph import transition_graph
+from heightmap25d_ros.planning.search import DIAGONAL, STRAIGHT, cost_to_go
+from heightmap25d_ros.planning.transition_costs import incoming_costs
+from heightmap25d_ros.terrain.steps import NEIGHBOURS
 
 ROUNDS = {512: 7, 2048: 5, 4096: 3}
 MCP_ROUNDS = {512: 7, 2048: 3, 4096: 1}

@@ -32,10 +32,10 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from heightmap25d_msgs.msg import HeightGrid, PlanStatus
-from heightmap25d_ros.grid import HEIGHT_RESOLUTION, PROBABILITY_SCALE, HeightMap
-from heightmap25d_ros.params import PlannerParams, TraversabilityParams
-from heightmap25d_ros.planner import UNREACHABLE, Cell, cost_to_go
-from heightmap25d_ros.transition_costs import transition_graph
+from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, PROBABILITY_SCALE, Cell, HeightMap
+from heightmap25d_ros.params.sections import PlannerParams, TraversabilityParams
+from heightmap25d_ros.planning.graph import transition_graph
+from heightmap25d_ros.planning.search import UNREACHABLE, cost_to_go
 
 SIDE = 1024
 GOALS = 100

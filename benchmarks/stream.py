@@ -14,9 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from heightmap25d_ros import se3, sensor
-from heightmap25d_ros.params import Params
-from heightmap25d_ros.sensor import Beams, Scan
+from heightmap25d_ros import se3
+from heightmap25d_ros.mapping import sensor_model
+from heightmap25d_ros.mapping.sensor_model import Beams, Scan
+from heightmap25d_ros.params.sections import Params
 
 SEED = 25
 SCANS = 3000
@@ -70,7 +71,7 @@ def beams(recorded: list[Recorded]) -> list[Beams]:
     """What the mapper takes of each scan, with default parameters."""
     params = Params()
     return [
-        sensor.beams(
+        sensor_model.beams(
             r.scan, r.T_map_base, r.T_base_sensor, params.sensor, params.mapper.lone_return
         )
         for r in recorded

@@ -12,14 +12,17 @@ from collections.abc import Iterator
 
 from heightmap25d_ros.commands import (
     bringup,
+    convert,
+    evaluate,
+    info,
     localize,
-    mapping,
-    maps,
-    planning,
-    simulation,
-    viewing,
-)
-from heightmap25d_ros.commands.command import Figures, NegativeResultError
+    plan,
+    render,
+    simulate,
+    view,
+)  # fmt: skip
+from heightmap25d_ros.commands import map as map_
+from heightmap25d_ros.commands.common import Figures, NegativeResultError
 from heightmap25d_ros.errors import InputError
 
 EXIT_UNUSABLE = 2
@@ -57,8 +60,10 @@ def _parser() -> argparse.ArgumentParser:
         "heightmap25d render out/ramp -o out/pictures",
     )
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for family in (mapping, localize, maps, planning, simulation, viewing, bringup):
-        family.add_to(commands)
+    for command in (
+        map_, localize, plan, convert, render, evaluate, info, view, simulate, bringup,
+    ):  # fmt: skip
+        command.add_to(commands)
     return parser
 
 

@@ -18,7 +18,7 @@ from nav_msgs.msg import OccupancyGrid
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from heightmap25d_msgs.srv import SaveMap
-from heightmap25d_ros import map_io
+from heightmap25d_ros.io import map_directory
 
 ROOT = Path(__file__).parent.parent
 BAG = ROOT / "bags" / "ramp"
@@ -64,7 +64,7 @@ def main() -> int:
           f"{grids[-1].info.width} x {grids[-1].info.height} cells.")  # fmt: skip
     say("The same bag through the command line:")
     command("map", str(BAG), "-o", str(OUT / "map_by_command_line"))
-    same = map_io.digest(OUT / "map") == map_io.digest(OUT / "map_by_command_line")
+    same = map_directory.digest(OUT / "map") == map_directory.digest(OUT / "map_by_command_line")
     print(f"Node and command line made {'the same map' if same else 'DIFFERENT maps'}.")
     say("The node's map against the truth:")
     command("evaluate", str(OUT / "map"), "--truth", str(BAG / "truth" / "surface.npz"))

@@ -28,7 +28,8 @@ SCAN_RATES = {
 def main(directory: Path) -> None:
     shutil.rmtree(directory / "ramp", ignore_errors=True)
     subprocess.run(
-        [sys.executable, ROOT / "test" / "record_ramp.py", directory / "ramp"], check=True
+        [sys.executable, ROOT / "test" / "helpers" / "record_ramp.py", directory / "ramp"],
+        check=True,
     )
     for world, scan_rate in SCAN_RATES.items():
         bag = directory / f"{world}_{SEED}"

@@ -8,8 +8,8 @@ from pathlib import Path
 ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT))
 
-from heightmap25d_ros.parameter_file import as_markdown, as_yaml  # noqa: E402
-from heightmap25d_ros.params import Params  # noqa: E402
+from heightmap25d_ros.params.files import as_markdown, as_yaml  # noqa: E402
+from heightmap25d_ros.params.sections import Params  # noqa: E402
 
 BEGIN, END = "<!-- parameters: begin -->\n", "<!-- parameters: end -->\n"
 

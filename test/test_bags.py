@@ -7,13 +7,11 @@ a little room; what was measured stands beside them.
 """
 
 import json
-from pathlib import Path
 
 import pytest
+from repository import BAGS
 
 from heightmap25d_ros import cli
-
-BAGS = Path(__file__).parent.parent / "bags"
 
 # World: coverage, precision and recall of blocked transitions, share of seen tops off by > 10 cm.
 REACHED = {

@@ -7,18 +7,19 @@ import re
 import shlex
 import subprocess
 import sys
+from importlib.metadata import distribution
 from pathlib import Path
 
 import pytest
 import yaml
 from PIL import Image
-from test_packaging import EXECUTABLES
+from repository import ROOT
 
 from heightmap25d_ros import cli
 from heightmap25d_ros.nodes import replay
-from heightmap25d_ros.params import Params, with_values
+from heightmap25d_ros.params.by_name import with_values
+from heightmap25d_ros.params.sections import Params
 
-ROOT = Path(__file__).parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), ROOT / "bags" / "README.md"])
 CHEAP = {"info", "map", "convert", "evaluate", "render", "plan"}
 # Of the machine, or of ROS workspaces elsewhere: nothing of ours to be held against.
@@ -46,7 +47,9 @@ def check_ros_arguments(words):
 
 
 def check_node(name, words):
-    assert name in EXECUTABLES
+    assert (
+        name in distribution("heightmap25d_ros").entry_points.select(group="console_scripts").names
+    )
     if name == "replay":
         replay._parser().parse_args(words)
     else:
@@ -123,7 +126,7 @@ def test_cheap_commands_do_what_they_say(page, tmp_path, monkeypatch, capsys):
 
 
 def test_pictures_of_the_tuning_page_are_those_of_the_script(tmp_path):
-    script = ROOT / "scripts" / "tuning_pictures.py"
+    script = ROOT / "studies" / "tuning_pictures.py"
     subprocess.run(
         [sys.executable, script, tmp_path, "climb_weight"], check=True, capture_output=True
     )

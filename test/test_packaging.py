@@ -8,37 +8,29 @@ import ast
 import os
 import re
 import sys
+from graphlib import TopologicalSorter
 from importlib.metadata import distribution
 from pathlib import Path
 
 import pytest
 from ament_index_python import get_package_prefix
 from catkin_pkg.package import Package, parse_package
+from repository import ROOT
 
-ROOT = Path(__file__).resolve().parent.parent
 NAME = "heightmap25d_ros"
 EXECUTABLES = {
     "driver", "heightmap25d", "localization", "mapping", "markers", "planning", "replay",
     "simulator",
 }  # fmt: skip
 
-# A module imports only modules before it; those of nodes/ and simulation/ also one another.
-ORDER = [
-    "errors", "se3", "params", "parameter_file",
-    "grid", "sensor",
-    "mapper", "terrain", "footprint", "traversability",
-    "intrinsics", "planner", "gaps", "transition_costs", "path", "standing", "surface_poses",
-    "footprint_check", "route",
-    "messages", "transforms", "intake", "message_intake", "mapping", "planning", "self_check",
-    "matching", "short_term", "registration", "paper_registration", "relocalization",
-    "health", "pose_filter", "tracking", "localization",
-    "bag", "atomic_directory", "map_io", "block_view", "render", "plan_view",
-    "localization_pictures",
-    "display", "triangle_list", "scene_3d",
-    "evaluation", "reachability", "drivability", "trajectory_error",
-    "simulation",
-    "commands", "cli", "nodes",
-]  # fmt: skip
+# From the ground up: a room imports the storeys below its own, and the rooms before it in its own.
+STOREYS = [
+    ["errors", "arrays", "kernels", "se3", "params", "grid"],
+    ["mapping", "terrain", "planning", "localization"],
+    ["io", "viz", "evaluation", "pipelines"],
+    ["simulation", "commands", "cli", "nodes"],
+]
+ROOMS = [room for storey in STOREYS for room in storey]
 
 # rosdep's name of what is imported under another name; rosbags and the extras, mujoco and rerun,
 # have none, llvmlite comes with numba, and grid_map_msgs is used where it is.
@@ -63,7 +55,7 @@ PYTHON_FILES = [
     ROOT / "setup.py",
     *(
         path
-        for folder in ("benchmarks", "launch", "scripts", "test")
+        for folder in ("benchmarks", "examples", "launch", "scripts", "studies", "test")
         for path in sorted((ROOT / folder).rglob("*.py"))
     ),
 ]
@@ -81,7 +73,7 @@ def imports(path: Path) -> set[str]:
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{short(path)}:{node.lineno}: relative import"
-            found |= {f"{node.module}.{alias.name}" for alias in node.names}
+            found |= {str(node.module), *(f"{node.module}.{alias.name}" for alias in node.names)}
     return found
 
 
@@ -146,17 +138,36 @@ def test_executable_imports(name: str) -> None:
     assert callable(entry_point.load())
 
 
-@pytest.mark.parametrize("path", MODULES, ids=short)
-def test_imports_point_one_way(path: Path) -> None:
-    module = path.relative_to(ROOT / NAME).with_suffix("").parts[0]
-    own = {name.split(".")[1] for name in imports(path) if name.startswith(f"{NAME}.")}
-    if module == "__init__":
-        assert own == set()
-        return
-    allowed = set(ORDER[: ORDER.index(module)]) - {"cli"}
-    if path.parent.name == module:  # a folder's modules may import one another
-        allowed.add(module)
-    assert own <= allowed
+def room_of(module: str) -> str:
+    return module.split(".")[1]
+
+
+@pytest.mark.parametrize(
+    "path", [p for p in MODULES if p.parent != ROOT / NAME or p.stem != "__init__"], ids=short
+)
+def test_imports_point_down_the_storeys(path: Path) -> None:
+    room = path.relative_to(ROOT / NAME).with_suffix("").parts[0]
+    own = {room_of(name) for name in imports(path) if name.startswith(f"{NAME}.")}
+    assert own - {room} <= set(ROOMS[: ROOMS.index(room)])
+
+
+def test_no_module_imports_itself_by_way_of_others() -> None:
+    def dotted(path: Path) -> str:
+        return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+    modules = {dotted(path): imports(path) for path in MODULES}
+    graph = {name: [n for n in found if n in modules] for name, found in modules.items()}
+    tuple(TopologicalSorter(graph).static_order())  # raises where there is a circle
+
+
+def test_private_modules_stay_in_their_room() -> None:
+    for path in MODULES:
+        room = path.relative_to(ROOT / NAME).parts[0]
+        for name in imports(path):
+            is_private = name.startswith(f"{NAME}.") and any(
+                p.startswith("_") for p in name.split(".")
+            )
+            assert not is_private or room_of(name) == room, path
 
 
 @pytest.mark.parametrize("path", [p for p in MODULES if p.parent.name != "nodes"], ids=short)

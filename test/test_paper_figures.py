@@ -14,8 +14,8 @@ from typing import Any
 
 import pytest
 from PIL import Image
+from repository import ROOT
 
-ROOT = Path(__file__).parent.parent
 LARGEST_PICTURE = 400_000  # bytes
 
 needs_octomap = pytest.mark.skipif(
@@ -26,7 +26,7 @@ needs_octomap = pytest.mark.skipif(
 
 def paper_figures(*arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, ROOT / "scripts" / "paper_figures.py", *map(str, arguments)],
+        [sys.executable, ROOT / "studies" / "paper_figures.py", *map(str, arguments)],
         env={**os.environ, **environment}, capture_output=True, text=True, check=False,
     )  # fmt: skip
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""bags/ramp is what test/record_ramp.py records, and its drive is a drive."""
+"""bags/ramp is what test/helpers/record_ramp.py records, and its drive is a drive."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 import ramp_drive
 import record_ramp
+from repository import BAGS
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability, QosReliability
 
-BAG = Path(__file__).parent.parent / "bags" / "ramp"
+BAG = BAGS / "ramp"
 
 
 @pytest.fixture

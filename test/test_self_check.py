@@ -6,17 +6,24 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from pathlib import Path
 
 import pytest
 from bag_writer import laser_scan, odometry
+from repository import ROOT
 
-from heightmap25d_ros.mapping import Mapping
-from heightmap25d_ros.params import IntakeParams, Params
-from heightmap25d_ros.self_check import FLAT_FROM, Flatness, Input, Lack, Observed, findings
+from heightmap25d_ros.nodes.self_check import (
+    FLAT_FROM,
+    Flatness,
+    Input,
+    Observed,
+    Problem,
+    findings,
+)
+from heightmap25d_ros.params.sections import IntakeParams, Params
+from heightmap25d_ros.pipelines.mapping import Mapping
 
 MS = 10**6
-TROUBLESHOOTING = Path(__file__).parent.parent / "docs" / "troubleshooting.md"
+TROUBLESHOOTING = ROOT / "docs" / "troubleshooting.md"
 
 
 def heard(topic="/scan", publishers=1, incompatible=(), received=10, is_needed=True):
@@ -43,11 +50,11 @@ def test_nothing_is_missing_where_all_comes():
 @pytest.mark.parametrize(
     ("lacking", "lack", "detail"),
     [
-        (heard(publishers=0, received=0), Lack.NO_PUBLISHER, "/scan"),
-        (heard(received=0), Lack.SILENT, "/scan"),
+        (heard(publishers=0, received=0), Problem.NO_PUBLISHER, "/scan"),
+        (heard(received=0), Problem.SILENT, "/scan"),
         (
             heard(incompatible=("/driver: best effort",), received=0),
-            Lack.INCOMPATIBLE,
+            Problem.INCOMPATIBLE,
             "/scan: /driver: best effort",
         ),
     ],
@@ -60,12 +67,12 @@ def test_topics_that_need_not_be_there_are_told_only_where_somebody_publishes_in
     optional = {"topic": "/pose_correction", "received": 0, "is_needed": False}
     assert lacks(heard(publishers=0, **optional), heard(**optional)) == []
     assert [lack for lack, _ in lacks(heard(incompatible=("/a: no",), **optional))] == [
-        Lack.INCOMPATIBLE
+        Problem.INCOMPATIBLE
     ]
 
 
 def test_a_clock_that_stands_is_told_and_one_that_is_not_used_is_not():
-    assert lacks(clock_ns=(0, 0))[0][0] is Lack.CLOCK
+    assert lacks(clock_ns=(0, 0))[0][0] is Problem.CLOCK
     assert lacks(clock_ns=(7 * 10**9, 7 * 10**9))[0][1].endswith("/clock stands at 7")
     assert lacks(clock_ns=None) == []
 
@@ -85,8 +92,8 @@ def dropped_by_mapping(*, with_odometry, with_mount):
     ("with_odometry", "with_mount", "expected"),
     [
         (True, True, []),
-        (False, True, [Lack.NO_ODOMETRY]),
-        (True, False, [Lack.UNKNOWN_MOUNT]),
+        (False, True, [Problem.NO_ODOMETRY]),
+        (True, False, [Problem.UNKNOWN_MOUNT]),
     ],
 )
 def test_scans_that_are_dropped_tell_what_they_lacked(with_odometry, with_mount, expected):
@@ -99,7 +106,7 @@ def test_scans_that_are_dropped_tell_what_they_lacked(with_odometry, with_mount,
 def test_some_scans_that_come_before_everything_else_are_no_lack():
     early = {"scan: before the odometry": 15}
     assert lacks(heard(), scans=100, dropped=early) == []
-    assert [lack for lack, _ in lacks(heard(), scans=50, dropped=early)] == [Lack.NO_ODOMETRY]
+    assert [lack for lack, _ in lacks(heard(), scans=50, dropped=early)] == [Problem.NO_ODOMETRY]
 
 
 def test_other_drops_are_not_taken_for_a_lack():
@@ -117,10 +124,10 @@ def test_odometry_is_flat_only_where_it_never_left_the_plane():
         pose.pose.pose.orientation.x = -1e-9 * step
         tilted.see(pose)
     assert (flat.poses, rising.poses, tilted.poses) == (FLAT_FROM, 0, 0)
-    assert lacks(flat_poses=flat.poses)[0][0] is Lack.FLAT
+    assert lacks(flat_poses=flat.poses)[0][0] is Problem.FLAT
 
 
-@pytest.mark.parametrize("lack", Lack)
+@pytest.mark.parametrize("lack", Problem)
 def test_every_message_is_explained(lack):
     headings = [line for line in TROUBLESHOOTING.read_text().splitlines() if line[:3] == "## "]
     assert [heading for heading in headings if lack.value in heading.lower()] != []

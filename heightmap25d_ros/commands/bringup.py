@@ -14,12 +14,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, NoReturn
 
-from heightmap25d_ros.commands.command import (
-    Figures,
-    NegativeResultError,
-    add_command,
-    read_params,
-)
+from heightmap25d_ros.commands.common import Figures, NegativeResultError, add_command, read_params
 
 NODES = ("mapping", "planning", "localization", "markers", "simulator")
 EXIT_NODE_DIED = 1
@@ -54,7 +49,7 @@ def _bringup(options: argparse.Namespace) -> Figures:
     processes: dict[str, subprocess.Popen[bytes]] = {}
     died: list[str] = []
     try:
-        for name in dict.fromkeys([*names, "watch"]):
+        for name in dict.fromkeys([*names, "status_printer"]):
             processes[name] = _started(name, options)
         while not died:
             time.sleep(0.1)
@@ -84,7 +79,7 @@ def _started(name: str, options: argparse.Namespace) -> subprocess.Popen[bytes]:
     arguments = ["-r", f"__ns:=/{options.namespace.strip('/')}"]
     for topic in ("tf", "tf_static"):
         arguments += ["-r", f"/{topic}:={topic}"]
-    if name != "watch":
+    if name != "status_printer":
         arguments += ["--params-file", str(options.params)] if options.params else []
         for parameter, value in values.items():
             arguments += ["-p", f"{parameter}:={json.dumps(value)}"]

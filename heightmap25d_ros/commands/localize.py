@@ -15,25 +15,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from heightmap25d_ros import (
-    localization_pictures,
-    map_io,
-    matching,
-    messages,
-    se3,
-    trajectory_error,
-)
-from heightmap25d_ros.bag import ODOMETRY, Bag
-from heightmap25d_ros.commands.command import Figures, add_command, read_params
-from heightmap25d_ros.commands.replaying import add_topics, reasons, replayed, with_scan_topics
+from heightmap25d_ros import se3
+from heightmap25d_ros.arrays import Array
+from heightmap25d_ros.commands.common import Figures, add_command, add_topics, read_params
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.grid import HeightMap
-from heightmap25d_ros.localization import Localizer, compile_kernels
-from heightmap25d_ros.params import Params
-from heightmap25d_ros.tracking import Attempt
-from heightmap25d_ros.trajectory_error import TrajectoryError
+from heightmap25d_ros.evaluation import trajectory_error
+from heightmap25d_ros.evaluation.trajectory_error import TrajectoryError
+from heightmap25d_ros.grid.height_map import HeightMap
+from heightmap25d_ros.io import decode, map_directory, trajectory
+from heightmap25d_ros.io.bag import ODOMETRY, Bag
+from heightmap25d_ros.localization.surface import surface_of
+from heightmap25d_ros.localization.tracker import Attempt
+from heightmap25d_ros.params.sections import Params
+from heightmap25d_ros.pipelines.localization import Localizer, compile_kernels
+from heightmap25d_ros.pipelines.replay import reasons, replayed, with_scan_topics
+from heightmap25d_ros.viz import localization_figures
 
-Array = NDArray[np.float64]
 Trajectory = list[tuple[int, se3.Matrix]]
 
 GROUND_TRUTH = "/ground_truth"
@@ -75,7 +72,7 @@ def _localize(options: argparse.Namespace) -> Figures:
         settings = with_scan_topics(read_params(options, "localization"), bag, options.scan_topic)
         odom_topic = options.odom_topic or bag.odometry_topic()
         bag.require(odom_topic, ODOMETRY)
-        long_term = map_io.load_in(
+        long_term = map_directory.load_in(
             options.map, settings.mapper.probability_threshold, settings.mapping.map_frame
         )
         compile_kernels(settings)  # not what is timed below
@@ -101,7 +98,7 @@ def _localize(options: argparse.Namespace) -> Figures:
     T_map_odom = corrected[0][1] @ se3.inverse(odometry[0][1])
     odometry = [(stamp, T_map_odom @ T) for stamp, T in odometry]
     options.output.mkdir(parents=True, exist_ok=True)
-    map_io.write_tum(options.output / map_io.TRAJECTORY, corrected)
+    trajectory.write_tum(options.output / map_directory.TRAJECTORY, corrected)
     _write_attempts(options.output / REGISTRATIONS, attempts)
     _draw(options.output, long_term, settings, attempts, (corrected, odometry, truth))
     return {
@@ -121,7 +118,7 @@ def _truth(bag: Bag, settings: Params) -> Trajectory:
     """The true poses in the map, if the bag has them."""
     if GROUND_TRUTH not in bag.topics_of(ODOMETRY):
         return []
-    poses = [messages.odometry(event.message) for event in bag.events([GROUND_TRUTH])]
+    poses = [decode.odometry(event.message) for event in bag.events([GROUND_TRUTH])]
     return [(p.stamp_ns, p.T) for p in poses if p.frame_id == settings.mapping.map_frame]
 
 
@@ -169,13 +166,13 @@ def _draw(
     ways: tuple[Trajectory, Trajectory, Trajectory],
 ) -> None:
     (stamps, corrected), (_, odometry), (true_stamps, truth) = map(_arrays, ways)
-    localization_pictures.trajectories(
+    localization_figures.trajectories(
         directory / "trajectories.png", long_term, corrected[:, :3, 3], odometry[:, :3, 3],
         truth[:, :3, 3] if len(truth) else None,
     )  # fmt: skip
     accepted = [a for a in attempts if a.registration.is_accepted] or list(attempts)
-    surface = matching.surface_of(long_term, settings.registration.edge_step)
-    localization_pictures.score_surface(
+    surface = surface_of(long_term, settings.registration.edge_step)
+    localization_figures.score_surface(
         directory / "score.png", accepted[len(accepted) // 2], surface, settings.registration
     )
     if not len(truth):
@@ -185,7 +182,7 @@ def _draw(
         return
     true = se3.interpolate(true_stamps, truth, stamps[covered])
     refused = [a.stamp_ns for a in attempts if not a.registration.is_accepted]
-    localization_pictures.errors(
+    localization_figures.errors(
         directory / "errors.png",
         (stamps[covered] - stamps[0]) * 1e-9,
         trajectory_error.planar_errors(corrected[covered], true),

@@ -18,10 +18,10 @@ from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import LaserScan
 
-from heightmap25d_ros.self_check import Finding, Flatness, Input, Observed, findings
+from heightmap25d_ros.nodes.self_check import Finding, Flatness, Input, Observed, findings
 
 if TYPE_CHECKING:
-    from heightmap25d_ros.nodes.managed import ManagedNode
+    from heightmap25d_ros.nodes.lifecycle import ManagedNode
 
 PERIOD = 1.0
 """Between two messages on /diagnostics [s]."""

@@ -14,11 +14,11 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
 from nav_msgs.msg import Odometry, Path
 from rclpy.node import Node
 
-from heightmap25d_ros import messages
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.nodes import parameters, process
-from heightmap25d_ros.nodes.managed import REPORT_PERIOD
-from heightmap25d_ros.simulation.drive import Driver
+from heightmap25d_ros.io import decode
+from heightmap25d_ros.nodes import parameters, qos, runtime
+from heightmap25d_ros.nodes.lifecycle import REPORT_PERIOD
+from heightmap25d_ros.simulation.pure_pursuit import Driver
 
 _SPEED = 1.0  # [m/s]
 
@@ -35,7 +35,7 @@ class DriverNode(Node):
         self._T_map_odom = np.eye(4)
         self._driver: Driver | None = None
         self._outlet = self.create_publisher(Twist, "cmd_vel", 10)
-        self.create_subscription(Path, "plan", self._on_plan, process.LATCHED)
+        self.create_subscription(Path, "plan", self._on_plan, qos.LATCHED)
         self.create_subscription(Odometry, "odom", self._on_odometry, 10)
         self.create_subscription(
             PoseWithCovarianceStamped, "pose_correction", self._on_correction, 10
@@ -48,13 +48,13 @@ class DriverNode(Node):
 
     def _on_correction(self, message: PoseWithCovarianceStamped) -> None:
         try:
-            self._T_map_odom = messages.pose(message.pose.pose, "pose.pose")
+            self._T_map_odom = decode.pose(message.pose.pose, "pose.pose")
         except InputError as error:
             self._complain(error)
 
     def _on_odometry(self, message: Odometry) -> None:
         try:
-            odometry = messages.odometry(message)
+            odometry = decode.odometry(message)
         except InputError as error:
             self._complain(error)
             return
@@ -73,7 +73,7 @@ class DriverNode(Node):
 
 def main() -> int:
     """Run the node."""
-    return process.run(DriverNode)
+    return runtime.run(DriverNode)
 
 
 if __name__ == "__main__":

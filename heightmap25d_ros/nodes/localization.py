@@ -17,12 +17,12 @@ from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
 from heightmap25d_msgs.msg import HeightGrid, LocalizationStatus
-from heightmap25d_ros import map_io, messages
-from heightmap25d_ros.health import State
-from heightmap25d_ros.localization import Localizer, Pose, compile_kernels
-from heightmap25d_ros.nodes import process
-from heightmap25d_ros.nodes.managed import ManagedNode
-from heightmap25d_ros.tracking import Attempt
+from heightmap25d_ros.io import encode, map_directory
+from heightmap25d_ros.localization.tracker import Attempt
+from heightmap25d_ros.localization.tracking_state import State
+from heightmap25d_ros.nodes import qos, runtime
+from heightmap25d_ros.nodes.lifecycle import ManagedNode
+from heightmap25d_ros.pipelines.localization import Localizer, Pose, compile_kernels
 
 
 class LocalizationNode(ManagedNode):
@@ -45,7 +45,9 @@ class LocalizationNode(ManagedNode):
         directory = self.params.localization.map_directory
         if directory:
             threshold = self.params.mapper.probability_threshold
-            self._localizer.set_long_term(map_io.load_in(Path(directory), threshold, self._frame))
+            self._localizer.set_long_term(
+                map_directory.load_in(Path(directory), threshold, self._frame)
+            )
         compile_kernels(self.params)
         self._correction_publisher = self.create_lifecycle_publisher(
             PoseWithCovarianceStamped, "pose_correction", 10
@@ -55,25 +57,23 @@ class LocalizationNode(ManagedNode):
         )
         self._transform_publisher = self.create_lifecycle_publisher(TFMessage, "/tf", 100)
         self._grid_publisher = self.create_lifecycle_publisher(
-            HeightGrid, "short_term_grid", process.LATCHED
+            HeightGrid, "short_term_grid", qos.LATCHED
         )
         self._status_publisher = self.create_lifecycle_publisher(
-            LocalizationStatus, "~/status", process.LATCHED
+            LocalizationStatus, "~/status", qos.LATCHED
         )
 
     def start(self) -> None:
         """Hear the robot, and publish."""
         for topic in self.params.intake.scan_topics:
-            self.subscribe(LaserScan, topic, self._on_scan_of(topic), process.SCANS, is_needed=True)
+            self.subscribe(LaserScan, topic, self._on_scan_of(topic), qos.SCANS, is_needed=True)
         self.subscribe(Odometry, "odom", self._on_odometry, 100, is_needed=True)
         self.subscribe(PoseWithCovarianceStamped, "initialpose", self._on_initial_pose, 10)
         self.subscribe(TFMessage, "/tf", self._on_transforms, 100)
-        self.subscribe(
-            TFMessage, "/tf_static", self._on_static_transforms, process.STATIC_TRANSFORMS
-        )
+        self.subscribe(TFMessage, "/tf_static", self._on_static_transforms, qos.STATIC_TRANSFORMS)
         if not self.params.localization.map_directory:
             self.subscribe(
-                HeightGrid, "long_term_grid", self._localizer.take_long_term, process.LATCHED,
+                HeightGrid, "long_term_grid", self._localizer.take_long_term, qos.LATCHED,
                 is_needed=True,
             )  # fmt: skip
         self.create_service(Trigger, "~/relocalize", self._relocalize)
@@ -143,11 +143,11 @@ class LocalizationNode(ManagedNode):
             (self._pose_publisher, pose.T_map_base),
         ):
             message = PoseWithCovarianceStamped()
-            messages.fill_pose(message, T, pose.covariance, pose.stamp_ns, self._frame)
+            encode.fill_pose(message, T, pose.covariance, pose.stamp_ns, self._frame)
             publisher.publish(message)
         transform = TransformStamped()
         ahead = round(self.params.localization.transform_tolerance * 1e9)
-        messages.fill_transform(
+        encode.fill_transform(
             transform, pose.T_map_odom, pose.stamp_ns + ahead, self._frame, pose.odom_frame
         )
         self._transform_publisher.publish(TFMessage(transforms=[transform]))
@@ -156,7 +156,7 @@ class LocalizationNode(ManagedNode):
         height_map, pose = self._localizer.short_term_map(), self._localizer.pose
         if height_map is not None and pose is not None:
             message = HeightGrid()
-            messages.fill_height_grid(message, height_map, attempt.stamp_ns, pose.odom_frame)
+            encode.fill_height_grid(message, height_map, attempt.stamp_ns, pose.odom_frame)
             self._grid_publisher.publish(message)
 
     def _publish_status(self, attempt: Attempt | None) -> None:
@@ -164,7 +164,7 @@ class LocalizationNode(ManagedNode):
         state = self._localizer.state
         message: Any = LocalizationStatus(state=int(state), reason="no registration yet")
         stamp = self._localizer.stamp_ns if attempt is None else attempt.stamp_ns
-        messages.fill_header(message.header, stamp, self._frame)
+        encode.fill_header(message.header, stamp, self._frame)
         if attempt is not None:
             found = attempt.registration
             message.reason = f"{attempt.kind.value}: {found.reason.value}"
@@ -188,7 +188,7 @@ class LocalizationNode(ManagedNode):
 
 def main() -> int:
     """Run the node."""
-    return process.run(LocalizationNode)
+    return runtime.run(LocalizationNode)
 
 
 if __name__ == "__main__":

@@ -23,14 +23,14 @@ from tf2_msgs.msg import TFMessage
 from heightmap25d_msgs.msg import HeightGrid as HeightGridMessage
 from heightmap25d_msgs.msg import LocalizationStatus
 from heightmap25d_msgs.srv import LoadMap, SaveMap
-from heightmap25d_ros import map_io, messages
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.grid import HeightMap
-from heightmap25d_ros.intake import Reading
-from heightmap25d_ros.mapping import Mapping, compile_kernels
-from heightmap25d_ros.nodes import process
-from heightmap25d_ros.nodes.managed import REPORT_PERIOD, ManagedNode
-from heightmap25d_ros.traversability import ObstacleMap
+from heightmap25d_ros.grid.height_map import HeightMap
+from heightmap25d_ros.io import encode, map_directory
+from heightmap25d_ros.nodes import qos, runtime
+from heightmap25d_ros.nodes.lifecycle import REPORT_PERIOD, ManagedNode
+from heightmap25d_ros.pipelines.mapping import Mapping, compile_kernels
+from heightmap25d_ros.pipelines.scan_queue import Reading
+from heightmap25d_ros.terrain.traversability import ObstacleMap
 
 try:
     from grid_map_msgs.msg import GridMap
@@ -72,7 +72,7 @@ class MappingNode(ManagedNode):
             self._load(self.params.mapping.initial_map)
         compile_kernels(self.params)
         self._publishers_of_maps = {
-            topic: self.create_lifecycle_publisher(kind, topic, process.LATCHED)
+            topic: self.create_lifecycle_publisher(kind, topic, qos.LATCHED)
             for topic, kind in _MAPS.items()
         }
         self.create_service(SaveMap, "~/save_map", self._save_map)
@@ -83,19 +83,17 @@ class MappingNode(ManagedNode):
     def start(self) -> None:
         """Hear the robot, and publish."""
         for topic in self.params.intake.scan_topics:
-            self.subscribe(LaserScan, topic, self._on_scan_of(topic), process.SCANS, is_needed=True)
+            self.subscribe(LaserScan, topic, self._on_scan_of(topic), qos.SCANS, is_needed=True)
         self.subscribe(Odometry, "odom", self._on_odometry, 100, is_needed=True)
         self.subscribe(
             PoseWithCovarianceStamped, "pose_correction", self._mapping.take_correction, 10
         )
         self.subscribe(
             LocalizationStatus, "localization/status", self._mapping.take_localization_status,
-            process.LATCHED,
+            qos.LATCHED,
         )  # fmt: skip
         self.subscribe(TFMessage, "/tf", self._on_transforms, 100)
-        self.subscribe(
-            TFMessage, "/tf_static", self._on_static_transforms, process.STATIC_TRANSFORMS
-        )
+        self.subscribe(TFMessage, "/tf_static", self._on_static_transforms, qos.STATIC_TRANSFORMS)
         self._start_publishing()
 
     def _start_publishing(self) -> None:
@@ -180,35 +178,37 @@ class MappingNode(ManagedNode):
         message: Any
         if topic == "height_grid":
             message = HeightGridMessage()
-            messages.fill_height_grid(message, height_map, stamp, self._frame)
+            encode.fill_height_grid(message, height_map, stamp, self._frame)
         elif topic == "height_points":
             message = PointCloud2()
-            messages.fill_height_points(message, PointField, height_map, stamp, self._frame)
+            encode.fill_height_points(message, PointField, height_map, stamp, self._frame)
         elif topic == "grid_map":
             message = GridMap()
-            messages.fill_grid_map(
+            encode.fill_grid_map(
                 message, Float32MultiArray, MultiArrayDimension, height_map, stamp, self._frame
             )
         else:
             cells = obstacle_map.occupancy if topic == "map" else obstacle_map.cost
             message = OccupancyGrid()
-            messages.fill_occupancy_grid(message, cells, geometry, stamp, self._frame)
+            encode.fill_occupancy_grid(message, cells, geometry, stamp, self._frame)
         publisher.publish(message)
 
     def _path(self, name: str) -> Path:
-        return map_io.map_path(Path(self.params.mapping.map_directory), name)
+        return map_directory.map_path(Path(self.params.mapping.map_directory), name)
 
     def _save(self, name: str) -> Path:
         path = self._path(name)
         self._count(self._mapping.settle())
-        map_io.save(path, *self._mapping.maps(), self._frame)
+        map_directory.save(path, *self._mapping.maps(), self._frame)
         self._saved = self._version
         self.get_logger().info(f"map saved: {path}")
         return path
 
     def _load(self, name: str) -> None:
         path = self._path(name)
-        height_map = map_io.load_in(path, self.params.mapper.probability_threshold, self._frame)
+        height_map = map_directory.load_in(
+            path, self.params.mapper.probability_threshold, self._frame
+        )
         try:
             self._mapping.clear(height_map)
         except ValueError as error:
@@ -251,7 +251,7 @@ class MappingNode(ManagedNode):
         except InputError as error:
             self.get_logger().error(str(error))
             return response
-        messages.fill_occupancy_grid(
+        encode.fill_occupancy_grid(
             response.map,
             obstacle_map.occupancy,
             height_map.geometry,
@@ -263,7 +263,7 @@ class MappingNode(ManagedNode):
 
 def main() -> int:
     """Run the node."""
-    return process.run(MappingNode)
+    return runtime.run(MappingNode)
 
 
 if __name__ == "__main__":

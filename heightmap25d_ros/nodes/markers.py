@@ -14,11 +14,12 @@ from sensor_msgs.msg import PointCloud2, PointField
 from visualization_msgs.msg import Marker
 
 from heightmap25d_msgs.msg import HeightGrid
-from heightmap25d_ros import display, messages, triangle_list
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.nodes import process
-from heightmap25d_ros.nodes.managed import ManagedNode
-from heightmap25d_ros.traversability import convert
+from heightmap25d_ros.io import decode, encode
+from heightmap25d_ros.nodes import qos, runtime
+from heightmap25d_ros.nodes.lifecycle import ManagedNode
+from heightmap25d_ros.terrain.traversability import to_obstacle_map
+from heightmap25d_ros.viz import marker_cdr, markers
 
 _PERIOD = 1.0  # [s] between two looks at what is new
 
@@ -35,13 +36,13 @@ class MarkersNode(ManagedNode):
         self._newest: HeightGrid | None = None
         self._shown: dict[str, HeightGrid] = {}
         self._outlets = {
-            "blocks": self.create_lifecycle_publisher(Marker, "~/blocks", process.LATCHED),
-            "frontier": self.create_lifecycle_publisher(PointCloud2, "~/frontier", process.LATCHED),
+            "blocks": self.create_lifecycle_publisher(Marker, "~/blocks", qos.LATCHED),
+            "frontier": self.create_lifecycle_publisher(PointCloud2, "~/frontier", qos.LATCHED),
         }
 
     def start(self) -> None:
         """Hear the map, and show it."""
-        self.subscribe(HeightGrid, "height_grid", self._on_map, process.LATCHED, is_needed=True)
+        self.subscribe(HeightGrid, "height_grid", self._on_map, qos.LATCHED, is_needed=True)
         wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_PERIOD, self._show, clock=wall_clock)
 
@@ -69,22 +70,24 @@ class MarkersNode(ManagedNode):
                     self._dropped[f"map: bad {str(error).partition(':')[0]}"] += 1
 
     def _content(self, name: str, grid: HeightGrid) -> bytes | PointCloud2:
-        height_map, stamp = messages.height_map(grid), messages.stamp_ns(grid.header)
+        height_map, stamp = decode.height_map(grid), decode.stamp_ns(grid.header)
         if name == "frontier":
             cloud = PointCloud2()
-            edge = display.frontier(height_map, convert(height_map, self.params.traversability))
-            messages.fill_height_points(cloud, PointField, edge, stamp, grid.header.frame_id)
+            edge = markers.frontier(
+                height_map, to_obstacle_map(height_map, self.params.traversability)
+            )
+            encode.fill_height_points(cloud, PointField, edge, stamp, grid.header.frame_id)
             return cloud
         marker = Marker(header=grid.header, ns="blocks", type=Marker.TRIANGLE_LIST)
         marker.scale.x = marker.scale.y = marker.scale.z = 1.0
         marker.color.a = 1.0
-        corners, colours = display.blocks(height_map)
-        return triangle_list.with_faces(marker, serialize_message(marker), corners, colours)
+        corners, colours = markers.blocks(height_map)
+        return marker_cdr.with_faces(marker, serialize_message(marker), corners, colours)
 
 
 def main() -> int:
     """Run the node."""
-    return process.run(MarkersNode)
+    return runtime.run(MarkersNode)
 
 
 if __name__ == "__main__":

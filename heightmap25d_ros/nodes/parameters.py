@@ -16,8 +16,10 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.params import Params, Spec, Value, flatten, is_live, with_values
-from heightmap25d_ros.traversability import covering_disc
+from heightmap25d_ros.params.by_name import flatten, is_live, with_values
+from heightmap25d_ros.params.sections import Params
+from heightmap25d_ros.params.spec import Spec, Value
+from heightmap25d_ros.terrain.traversability import covering_disc
 
 # Parameters that rclpy brings along in every node.
 _RCLPY_PARAMETERS = ("use_sim_time", "start_type_description_service", "qos_overrides.")

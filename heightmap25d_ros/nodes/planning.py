@@ -15,11 +15,12 @@ from nav_msgs.srv import GetPlan
 from rclpy.clock import Clock, ClockType
 
 from heightmap25d_msgs.msg import HeightGrid, PlanStatus
-from heightmap25d_ros import display, messages
-from heightmap25d_ros.nodes import process
-from heightmap25d_ros.nodes.managed import ManagedNode
-from heightmap25d_ros.planning import Planning, compile_kernels
-from heightmap25d_ros.route import Plan, Status
+from heightmap25d_ros.io import encode
+from heightmap25d_ros.nodes import qos, runtime
+from heightmap25d_ros.nodes.lifecycle import ManagedNode
+from heightmap25d_ros.pipelines.planning import Planning, compile_kernels
+from heightmap25d_ros.planning.plan import Plan, Status
+from heightmap25d_ros.viz import markers
 
 _FIELD_PERIOD = 1.0  # [s] between two fields at the least
 
@@ -35,18 +36,16 @@ class PlanningNode(ManagedNode):
         self._planning = Planning(self.params)
         self._plan: Plan | None = None
         compile_kernels(self.params)
-        self._path_publisher = self.create_lifecycle_publisher(Path, "plan", process.LATCHED)
+        self._path_publisher = self.create_lifecycle_publisher(Path, "plan", qos.LATCHED)
         self._status_publisher = self.create_lifecycle_publisher(
-            PlanStatus, "~/status", process.LATCHED
+            PlanStatus, "~/status", qos.LATCHED
         )
-        self._field_publisher = self.create_lifecycle_publisher(
-            PoseArray, "~/field", process.LATCHED
-        )
+        self._field_publisher = self.create_lifecycle_publisher(PoseArray, "~/field", qos.LATCHED)
         self._unshown: Plan | None = None  # whose field has not been published
 
     def start(self) -> None:
         """Hear the map, the robot and its goals, and answer."""
-        self.subscribe(HeightGrid, "height_grid", self._on_map, process.LATCHED, is_needed=True)
+        self.subscribe(HeightGrid, "height_grid", self._on_map, qos.LATCHED, is_needed=True)
         self.subscribe(Odometry, "odom", self._on_odometry, 10, is_needed=True)
         self.subscribe(PoseStamped, "goal_pose", self._on_goal, 10)
         self.subscribe(
@@ -116,14 +115,14 @@ class PlanningNode(ManagedNode):
         self._unshown = None
         poses = np.empty((0, 4, 4))
         if plan.graph is not None and plan.cost_to_go is not None:
-            poses = display.field_arrows(plan.graph, plan.cost_to_go)
+            poses = markers.field_arrows(plan.graph, plan.cost_to_go)
         field, stamp = PoseArray(), self.get_clock().now().nanoseconds
-        messages.fill_poses(field, Pose, poses, stamp, self.params.mapping.map_frame)
+        encode.fill_poses(field, Pose, poses, stamp, self.params.mapping.map_frame)
         self._field_publisher.publish(field)
 
     def _fill_path(self, path: Path, plan: Plan, stamp: int) -> None:
         frame = self.params.mapping.map_frame
-        messages.fill_path(path, PoseStamped, plan.poses, stamp, frame)
+        encode.fill_path(path, PoseStamped, plan.poses, stamp, frame)
 
     def _get_plan(self, request: GetPlan.Request, response: GetPlan.Response) -> GetPlan.Response:
         plan = self._planning.plan_between(request.start, request.goal, request.tolerance)
@@ -135,7 +134,7 @@ class PlanningNode(ManagedNode):
 
 def main() -> int:
     """Run the node."""
-    return process.run(PlanningNode)
+    return runtime.run(PlanningNode)
 
 
 if __name__ == "__main__":

@@ -30,9 +30,9 @@ from rosbags.interfaces import Qos, QosDurability, QosHistory, QosReliability
 from rosgraph_msgs.msg import Clock
 from tqdm import tqdm
 
-from heightmap25d_ros.bag import Bag
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.nodes import process
+from heightmap25d_ros.io.bag import Bag
+from heightmap25d_ros.nodes import runtime
 
 CLOCK_PERIOD_NS = 25_000_000
 """At most this much bag time [ns] lies between two messages on /clock."""
@@ -284,7 +284,7 @@ def main(arguments: list[str] | None = None) -> int:
         signal.signal(number, _stop)
     try:
         # Signals are ours: rclpy's handlers would let a sleep go on to its end.
-        process.start_ros(ros_arguments, signal_handler_options=SignalHandlerOptions.NO)
+        runtime.start_ros(ros_arguments, signal_handler_options=SignalHandlerOptions.NO)
         with Bag(options.bag) as bag:
             _run(rclpy.create_node("replay"), bag, options)
     except InputError as error:
@@ -293,7 +293,7 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         pass
     finally:
-        process.ignore_signals()
+        runtime.ignore_signals()
         rclpy.try_shutdown()
     return 0
 

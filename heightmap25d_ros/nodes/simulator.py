@@ -13,10 +13,10 @@ from rclpy.clock import ClockType
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
-from heightmap25d_ros.nodes import parameters, process
+from heightmap25d_ros.nodes import parameters, runtime
 from heightmap25d_ros.nodes.replay import message_class, profile_of
-from heightmap25d_ros.simulation import outgoing, recording
-from heightmap25d_ros.simulation.simulation import Event, Simulation
+from heightmap25d_ros.simulation import messages, recording
+from heightmap25d_ros.simulation.simulation import Simulation, TimedMessage
 
 _PERIOD = 0.01  # [s] between two turns of the node
 _LONGEST_TURN = 0.05  # [s] that it computes before it listens again
@@ -37,7 +37,7 @@ class SimulatorNode(Node):
             recording.noise_of(noise_free=False, true_odometry=params.true_odometry),
             mounted,
         )
-        self._types = {topic: kind for topic, (kind, _) in outgoing.topics(mounted).items()}
+        self._types = {topic: kind for topic, (kind, _) in messages.topics(mounted).items()}
         # Relative, but for those that ROS has one of.
         self._outlets = {
             topic: self.create_publisher(
@@ -45,7 +45,7 @@ class SimulatorNode(Node):
                 topic if topic.startswith("/tf") else topic.removeprefix("/"),
                 profile_of(topic, [qos]),
             )
-            for topic, (kind, qos) in outgoing.topics(mounted).items()
+            for topic, (kind, qos) in messages.topics(mounted).items()
         }
         self._clock_outlet = self.create_publisher(Clock, "/clock", 10)
         self._command, self._commanded_at = (0.0, 0.0), 0.0
@@ -78,7 +78,7 @@ class SimulatorNode(Node):
         events = self._simulation.step(*command)
         if self._simulation.is_at_pose:
             clock = Clock()
-            stamp = outgoing.stamp_ns(self._simulation.seconds)
+            stamp = messages.stamp_ns(self._simulation.seconds)
             clock.clock.sec, clock.clock.nanosec = divmod(stamp, 10**9)
             self._clock_outlet.publish(clock)
         self._publish(events)
@@ -87,15 +87,15 @@ class SimulatorNode(Node):
             self.get_logger().warning("blocked: something is higher than the robot climbs")
         self._was_blocked = is_blocked
 
-    def _publish(self, events: list[Event]) -> None:
+    def _publish(self, events: list[TimedMessage]) -> None:
         for _, topic, message in events:
-            data = bytes(outgoing.STORE.serialize_cdr(message, self._types[topic]))
+            data = bytes(messages.STORE.serialize_cdr(message, self._types[topic]))
             self._outlets[topic].publish(data)
 
 
 def main() -> int:
     """Run the node."""
-    return process.run(SimulatorNode)
+    return runtime.run(SimulatorNode)
 
 
 if __name__ == "__main__":

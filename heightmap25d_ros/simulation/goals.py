@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from heightmap25d_ros.simulation.scene import Array
+from heightmap25d_ros.arrays import Array
 
 RADIUS, MAX_STEP, MAX_SLOPE = 0.5, 0.10, 0.44
 """Of the disc that covers the robot [m]; of what it climbs [m], [rad]."""

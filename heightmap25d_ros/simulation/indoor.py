@@ -6,15 +6,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from heightmap25d_ros.simulation.scene import Array, Mover, Solid, box, cylinder, ramp
-from heightmap25d_ros.simulation.worlds import (
-    World,
-    floor,
-    scattered,
-    smooth,
-    turned_box,
-    walls,
-)
+from heightmap25d_ros.arrays import Array
+from heightmap25d_ros.simulation.scene import Mover, Solid, box, cylinder, ramp
+from heightmap25d_ros.simulation.worlds import World, floor, scattered, smooth, turned_box, walls
 
 _GATES = ((0.45, 0.80, 2.30), (0.65, 1.20, 1.80), (1.00, 0.55, 1.60))
 """Clear heights of the gates of each wall [m]."""

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heightmap25d_ros import se3
-from heightmap25d_ros.simulation.scene import Array, Scene
+from heightmap25d_ros.arrays import Array
+from heightmap25d_ros.simulation.scene import Scene
 
 RANGE_MIN, RANGE_MAX = 0.05, 30.0
 BEAMS = 361

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from heightmap25d_ros import se3
-from heightmap25d_ros.simulation.scene import Array
+from heightmap25d_ros.arrays import Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,7 +7,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from heightmap25d_ros.simulation.scene import Array, Solid, Terrain, box, cylinder, ramp
+from heightmap25d_ros.arrays import Array
+from heightmap25d_ros.simulation.scene import Solid, Terrain, box, cylinder, ramp
 from heightmap25d_ros.simulation.worlds import (
     World,
     distance_to_way,

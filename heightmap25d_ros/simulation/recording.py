@@ -13,11 +13,11 @@ import numpy as np
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.simulation import indoor, outdoor, outgoing, truth
-from heightmap25d_ros.simulation.drive import Driver
+from heightmap25d_ros.simulation import indoor, messages, outdoor, truth
 from heightmap25d_ros.simulation.lasers import DOWN, LEVEL, NODDING, SCAN_DURATION, Laser
 from heightmap25d_ros.simulation.odometry import EXACT_ODOMETRY
-from heightmap25d_ros.simulation.simulation import NOISE_FREE, Event, Noise, Simulation
+from heightmap25d_ros.simulation.pure_pursuit import Driver
+from heightmap25d_ros.simulation.simulation import NOISE_FREE, Noise, Simulation, TimedMessage
 from heightmap25d_ros.simulation.worlds import World, weaving
 
 BUILDERS = {**outdoor.BUILDERS, **indoor.BUILDERS}
@@ -133,10 +133,10 @@ def noise_of(*, noise_free: bool, true_odometry: bool) -> Noise:
     return replace(noise, odometry=EXACT_ODOMETRY) if true_odometry else noise
 
 
-def _drive(simulation: Simulation, world: World, surface: truth.Surface) -> list[Event]:
+def _drive(simulation: Simulation, world: World, surface: truth.Surface) -> list[TimedMessage]:
     """From standing to standing; ends with a pose, so that poses bracket every scan."""
     driver = Driver(world.way, world.speed)
-    events: list[Event] = []
+    events: list[TimedMessage] = []
     stopped: float | None = None
     while stopped is None or simulation.seconds < stopped + _REST or not simulation.is_at_pose:
         is_resting = simulation.seconds < _REST
@@ -151,17 +151,17 @@ def _drive(simulation: Simulation, world: World, surface: truth.Surface) -> list
     return events
 
 
-def _write(directory: Path, events: list[Event], mounted: Sequence[Laser]) -> None:
+def _write(directory: Path, events: list[TimedMessage], mounted: Sequence[Laser]) -> None:
     writer = Writer(directory, version=9, storage_plugin=StoragePlugin.MCAP)
     writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-    topics = outgoing.topics(mounted)
+    topics = messages.topics(mounted)
     with writer:
         connections = {
             topic: writer.add_connection(
-                topic, message_type, typestore=outgoing.STORE, offered_qos_profiles=[qos]
+                topic, message_type, typestore=messages.STORE, offered_qos_profiles=[qos]
             )
             for topic, (message_type, qos) in topics.items()
         }
         for seconds, topic, message in sorted(events, key=lambda event: event.seconds):
-            data = outgoing.STORE.serialize_cdr(message, topics[topic][0])
-            writer.write(connections[topic], outgoing.stamp_ns(seconds), data)
+            data = messages.STORE.serialize_cdr(message, topics[topic][0])
+            writer.write(connections[topic], messages.stamp_ns(seconds), data)

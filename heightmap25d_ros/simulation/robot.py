@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from heightmap25d_ros.simulation.scene import Array, Scene
+from heightmap25d_ros.arrays import Array
+from heightmap25d_ros.simulation.scene import Scene
 
 LENGTH, WIDTH, HEIGHT = 0.78, 0.64, 0.70
 """[m]; up to the upper laser. The body alone is 0.55 m high."""

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
+from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.errors import InputError
 
 try:
@@ -19,7 +20,6 @@ try:
 except ImportError as error:
     raise InputError("the simulator needs MuJoCo: pip install 'mujoco>=3.5,<4'") from error
 
-Array = NDArray[np.float64]
 
 _HIDDEN = (0.0, 0.0, -1e4)
 _TERRAIN_TILE = 24

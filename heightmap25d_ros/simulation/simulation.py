@@ -15,7 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from heightmap25d_ros import se3
-from heightmap25d_ros.simulation import lasers, outgoing
+from heightmap25d_ros.arrays import Array
+from heightmap25d_ros.simulation import lasers, messages
 from heightmap25d_ros.simulation.lasers import (
     EXACT_RANGES,
     SCAN_DURATION,
@@ -25,10 +26,9 @@ from heightmap25d_ros.simulation.lasers import (
     beam_times,
     take_scan,
 )
+from heightmap25d_ros.simulation.messages import Message
 from heightmap25d_ros.simulation.odometry import EXACT_ODOMETRY, Odometer, OdometryNoise
-from heightmap25d_ros.simulation.outgoing import Message
 from heightmap25d_ros.simulation.robot import Robot
-from heightmap25d_ros.simulation.scene import Array
 from heightmap25d_ros.simulation.worlds import World
 
 STEP = 0.005
@@ -49,7 +49,7 @@ class Noise:
 NOISE_FREE = Noise(ranges=EXACT_RANGES, odometry=EXACT_ODOMETRY)
 
 
-class Event(NamedTuple):
+class TimedMessage(NamedTuple):
     """A message and when [s] it is there."""
 
     seconds: float
@@ -107,17 +107,17 @@ class Simulation:
         """Whether the last step told the pose."""
         return self._count % _ODOMETRY_STEPS == 0
 
-    def begin(self) -> list[Event]:
+    def begin(self) -> list[TimedMessage]:
         """What is known before anything moves: the mounts and the first pose."""
         fixed = [
             (laser.frame_id, laser.T_base_sensor(np.zeros(1))[0])
             for laser in self._lasers
             if not laser.nod
         ]
-        mounts = outgoing.transforms(0.0, "base_link", fixed)
-        return [Event(0.0, "/tf_static", mounts), *self._pose_events()]
+        mounts = messages.transforms(0.0, "base_link", fixed)
+        return [TimedMessage(0.0, "/tf_static", mounts), *self._pose_events()]
 
-    def step(self, speed: float, turn_rate: float) -> list[Event]:
+    def step(self, speed: float, turn_rate: float) -> list[TimedMessage]:
         """Move on under a command [m/s], [rad/s]; what is there to be said then, in order."""
         self._scene.set_time(self.seconds)
         self.robot.move(speed, turn_rate, STEP)
@@ -131,14 +131,18 @@ class Simulation:
             events += self._pose_events()
         return sorted(events, key=lambda event: event.seconds)
 
-    def _pose_events(self) -> list[Event]:
+    def _pose_events(self) -> list[TimedMessage]:
         seconds, robot = self.seconds, self.robot
         twist = (robot.speed, robot.turn_rate)
         known = self._odometer.T if self._noise.odometry != EXACT_ODOMETRY else robot.T
         events = [
-            Event(seconds, "/odom", outgoing.odometry(seconds, "odom", known, twist)),
-            Event(seconds, "/ground_truth", outgoing.odometry(seconds, "map", robot.T, twist)),
-            Event(seconds, "/tf", outgoing.transforms(seconds, "odom", [("base_link", known)])),
+            TimedMessage(seconds, "/odom", messages.odometry(seconds, "odom", known, twist)),
+            TimedMessage(
+                seconds, "/ground_truth", messages.odometry(seconds, "map", robot.T, twist)
+            ),
+            TimedMessage(
+                seconds, "/tf", messages.transforms(seconds, "odom", [("base_link", known)])
+            ),
         ]
         nodding = [
             (laser.frame_id, laser.T_base_sensor(np.array([seconds]))[0])
@@ -146,11 +150,11 @@ class Simulation:
             if laser.nod
         ]
         if nodding:
-            nods = outgoing.transforms(seconds, "base_link", nodding)
-            events.append(Event(seconds, "/tf", nods))
+            nods = messages.transforms(seconds, "base_link", nodding)
+            events.append(TimedMessage(seconds, "/tf", nods))
         return events
 
-    def _take_scans(self) -> list[Event]:
+    def _take_scans(self) -> list[TimedMessage]:
         """The scans that came to their end in the last step."""
         self.scans, events = [], []
         for index, laser in enumerate(self._lasers):
@@ -163,8 +167,8 @@ class Simulation:
                 laser, self._scene, start, poses, self._noise.ranges, self._rngs[index + 1]
             )
             self.scans.append((laser, scan))
-            message = outgoing.laser_scan(laser, scan)
-            events.append(Event(start + SCAN_DURATION, laser.topic, message))
+            message = messages.laser_scan(laser, scan)
+            events.append(TimedMessage(start + SCAN_DURATION, laser.topic, message))
         return events
 
     def _poses_at(self, seconds: Array) -> se3.Matrix:

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.simulation import goals
 from heightmap25d_ros.simulation.robot import HEIGHT
-from heightmap25d_ros.simulation.scene import Array
 from heightmap25d_ros.simulation.simulation import Simulation
 from heightmap25d_ros.simulation.worlds import World
 

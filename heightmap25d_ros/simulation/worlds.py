@@ -11,15 +11,8 @@ from math import hypot
 
 import numpy as np
 
-from heightmap25d_ros.simulation.scene import (
-    Array,
-    Mover,
-    Scene,
-    Solid,
-    Span,
-    Terrain,
-    box,
-)
+from heightmap25d_ros.arrays import Array
+from heightmap25d_ros.simulation.scene import Mover, Scene, Solid, Span, Terrain, box
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

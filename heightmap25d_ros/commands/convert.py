@@ -1,0 +1,31 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""``heightmap25d convert``: the obstacle grid of a map directory anew."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from heightmap25d_ros.commands.common import Figures, add_command, cell_counts, read_params
+from heightmap25d_ros.io import map_directory
+from heightmap25d_ros.terrain.traversability import to_obstacle_map
+
+
+def add_to(commands: Any) -> None:
+    """Add ``convert``."""
+    command = add_command(commands, "convert", _convert, "the obstacle grid of a map anew")
+    command.add_argument("map", type=Path, metavar="DIR", help="map directory")
+    command.add_argument("-o", "--output", type=Path, metavar="DIR",
+                         help="map directory to write (default: the same)")  # fmt: skip
+
+
+def _convert(options: argparse.Namespace) -> Figures:
+    """Convert the heights of a map directory again, for instance for another robot."""
+    settings = read_params(options)
+    output = options.output or options.map
+    loaded = map_directory.load(options.map, settings.mapper.probability_threshold)
+    obstacle_map = to_obstacle_map(loaded.height_map, settings.traversability)
+    map_directory.save(output, loaded.height_map, obstacle_map, loaded.frame_id)
+    return {"map": str(output), **cell_counts(loaded.height_map, obstacle_map)}

@@ -1,0 +1,44 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""``heightmap25d info``: what is in a bag or a map directory."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from heightmap25d_ros.commands.common import Figures, add_command, cell_counts, read_params
+from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION
+from heightmap25d_ros.io import map_directory
+from heightmap25d_ros.io.bag import Bag
+from heightmap25d_ros.terrain.traversability import to_obstacle_map
+
+
+def add_to(commands: Any) -> None:
+    """Add ``info``."""
+    command = add_command(commands, "info", _info, "what is in a bag or a map directory")
+    command.add_argument("path", type=Path, metavar="BAG|DIR")
+
+
+def _info(options: argparse.Namespace) -> Figures:
+    """Tell what is in a bag or a map directory."""
+    settings = read_params(options)
+    if (options.path / map_directory.HEIGHT_GRID).exists():
+        loaded = map_directory.load(options.path, settings.mapper.probability_threshold)
+        geometry, heights = loaded.height_map.geometry, loaded.height_map
+        known = heights.height[heights.known] * HEIGHT_RESOLUTION
+        return {
+            "frame": loaded.frame_id,
+            "size [cells]": list(geometry.shape[::-1]),
+            "resolution [m]": geometry.resolution,
+            "origin [m]": list(geometry.origin),
+            "heights [m]": [round(known.min(), 2), round(known.max(), 2)] if known.size else [],
+            **cell_counts(heights, to_obstacle_map(heights, settings.traversability)),
+        }
+    with Bag(options.path) as bag:
+        return {
+            "bag": str(options.path),
+            "duration [s]": round(bag.duration, 3),
+            **{f"{name} ({topic.message_type})": topic.count for name, topic in bag.topics.items()},
+        }

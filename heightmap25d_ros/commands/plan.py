@@ -1,0 +1,101 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""``heightmap25d plan``: a path over a map directory."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from heightmap25d_ros import se3
+from heightmap25d_ros.commands.common import Figures, NegativeResultError, add_command, read_params
+from heightmap25d_ros.evaluation.path_drivability import evaluate_path
+from heightmap25d_ros.evaluation.truth import read_ground
+from heightmap25d_ros.io import map_directory, trajectory
+from heightmap25d_ros.pipelines.planning import compile_kernels
+from heightmap25d_ros.planning.graph import transition_graph
+from heightmap25d_ros.planning.plan import Plan, Pose2D, Status
+from heightmap25d_ros.planning.planner import Planner
+from heightmap25d_ros.viz import plan_figure
+
+PLAN_TUM, PLAN_PNG = "plan.tum", "plan.png"
+EXIT_NO_PATH = 3
+
+
+def add_to(commands: Any) -> None:
+    """Add ``plan``."""
+    command = add_command(commands, "plan", _plan, "a path over a map directory")
+    command.add_argument("map", type=Path, metavar="DIR", help="map directory")
+    for name in ("start", "goal"):
+        command.add_argument(f"--{name}", type=_place, required=True, metavar="X,Y[,YAW]",
+                             help=f"{name} in the map [m], [rad]; "
+                             f"--{name}=-1,2 where X is negative")  # fmt: skip
+    command.add_argument("-o", "--output", type=Path, required=True, metavar="OUT",
+                         help=f"directory for {PLAN_TUM} and {PLAN_PNG}")  # fmt: skip
+    command.add_argument("--truth", type=Path, metavar="FILE",
+                         help="the world's surface.npz, to drive on")  # fmt: skip
+
+
+def _place(text: str) -> Pose2D:
+    try:
+        numbers = [float(number) for number in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (2, 3) or not all(math.isfinite(number) for number in numbers):
+        raise argparse.ArgumentTypeError(f"{text!r} is not X,Y or X,Y,YAW")
+    return Pose2D(*numbers)
+
+
+def _plan(options: argparse.Namespace) -> Figures:
+    """Plan a path: the exit status is 3 where there is none, and the figures say why.
+
+    The path is written as TUM text, with the distance along it [m] in place of the time, and
+    drawn over heights and obstacles, with a profile of height and slope.
+    """
+    settings = read_params(options, "planning")
+    height_map = map_directory.load(options.map, settings.mapper.probability_threshold).height_map
+    compile_kernels(settings)  # not what is timed
+    graph = transition_graph(height_map, settings.traversability, settings.planner)
+    planner = Planner(graph, settings.traversability, settings.planner)
+    plan = planner.plan(options.start, options.goal, is_robot_there=False)
+    options.output.mkdir(parents=True, exist_ok=True)
+    paths = [options.output / name for name in (PLAN_TUM, PLAN_PNG)]
+    if plan.status is not Status.NONE:
+        for path in paths:
+            path.unlink(missing_ok=True)  # of an earlier plan
+        raise NegativeResultError(_figures(plan), EXIT_NO_PATH)
+    distance = plan_figure.distances(plan.poses)
+    trajectory.write_tum(
+        paths[0],
+        [(round(d * 1e9), T) for d, T in zip(distance, plan.poses, strict=True)],
+    )
+    plan_figure.draw(paths[1], height_map, graph, plan, settings.planner)
+    figures = {**_figures(plan), "path": str(paths[0]), "picture": str(paths[1])}
+    if options.truth:
+        xyz_rpy = se3.to_xyz_rpy(plan.poses)
+        figures["on the true surface"] = evaluate_path(
+            read_ground(options.truth),
+            xyz_rpy[:, [0, 1, 5]],
+            settings.planner.robot_length,
+            settings.planner.robot_width,
+        ).as_dict()
+    return figures
+
+
+def _figures(plan: Plan) -> Figures:
+    found: Figures = {"status": plan.status.name, "reason": plan.reason}
+    if plan.status is Status.NONE:
+        found |= {
+            "length [m]": round(plan.length, 3),
+            "climb [m]": round(plan.climb, 3),
+            "steepest slope [deg]": round(math.degrees(plan.steepest_slope), 2),
+            "least clearance [m]": round(plan.least_clearance, 3)
+            if np.isfinite(plan.least_clearance)
+            else None,
+            "cost [m of flat ground]": round(plan.cost, 3),
+        }
+    return {**found, "ms": round(1e3 * plan.seconds, 2)}

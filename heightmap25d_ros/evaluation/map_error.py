@@ -1,0 +1,255 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A map against the true surface of the world it was made in."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter, minimum_filter
+
+from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.evaluation.truth import Truth
+from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, Area, Geometry, HeightMap
+from heightmap25d_ros.params.sections import TraversabilityParams
+from heightmap25d_ros.terrain.steps import NEIGHBOURS
+from heightmap25d_ros.terrain.traversability import blocked_transitions
+
+LARGE_ERROR = 0.10
+"""An error of a height beyond this is counted [m]: the robot's climbing height."""
+
+
+FLAT, STEP = 0.02, 0.10
+"""Differences of neighbouring tops [m]: up to the first the world is flat, up to the second it is
+a slope, beyond it has a step."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeightError:
+    """Stored minus true height [m] over a number of cells; None where there are none."""
+
+    cells: int
+    bias: float | None
+    median_absolute: float | None
+    percentile_95_absolute: float | None
+    share_beyond_10_cm: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Detection:
+    """How well blocked transitions were found, at one cell of tolerance.
+
+    A transition's place is the middle between its two cells; two are at the same place when they
+    are at most one cell apart, along x and along y.
+
+    Attributes
+    ----------
+    predicted, true : int
+        Blocked transitions of the map, and of the world between cells that the map knows.
+    precision : float or None
+        Share of the predicted ones with a true one in their place; None where there is none.
+    recall : float or None
+        Share of the true ones with a predicted one in their place.
+    f1 : float or None
+        Their harmonic mean.
+    """
+
+    predicted: int
+    true: int
+    precision: float | None
+    recall: float | None
+    f1: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MapError:
+    """What a map is worth.
+
+    Attributes
+    ----------
+    known_cells : int
+        Within the area of the truth.
+    known_cells_outside : int
+        Beyond that area.
+    observable_cells : int
+        Cells of which a laser without noise met something.
+    coverage : float or None
+        Share of the observable cells that are known.
+    spurious : float or None
+        Share of the known cells that are not observable.
+    error_of_seen : HeightError
+        Against the highest point that the lasers met, over known observable cells.
+    error_of_seen_on_flat, error_of_seen_on_slopes, error_of_seen_at_steps : HeightError
+        The same by what the world is around a cell: its tops and those of the 8 neighbours differ
+        by up to `FLAT`, by up to `STEP`, or by more.
+    error_of_top : HeightError
+        Against the top of the world, over all known cells: walls are higher than can be seen.
+    blocked_transitions : Detection
+    """
+
+    known_cells: int
+    known_cells_outside: int
+    observable_cells: int
+    coverage: float | None
+    spurious: float | None
+    error_of_seen: HeightError
+    error_of_seen_on_flat: HeightError
+    error_of_seen_on_slopes: HeightError
+    error_of_seen_at_steps: HeightError
+    error_of_top: HeightError
+    blocked_transitions: Detection
+
+    def as_dict(self) -> dict[str, Any]:
+        """Nested, of plain numbers; shares and metres rounded to four digits."""
+        return {name: _rounded(value) for name, value in asdict(self).items()}
+
+
+def evaluate_map(height_map: HeightMap, params: TraversabilityParams, truth: Truth) -> MapError:
+    """Hold a map against the truth.
+
+    Parameters
+    ----------
+    height_map : HeightMap
+    params : TraversabilityParams
+        ``max_step`` says which transitions are blocked, in the map and in the world.
+    truth : Truth
+
+    Raises
+    ------
+    InputError
+        If the cells of the map are not those of the truth.
+    """
+    height_cm, known = _on_cells_of(truth.geometry, height_map)
+    height = height_cm * HEIGHT_RESOLUTION
+    observable = np.isfinite(truth.seen)
+    known_cells, known_observable = int(known.sum()), int((known & observable).sum())
+    error_of_seen = (height - truth.seen)[known & observable]
+    relief = _relief(truth.top)[known & observable]
+    has_top = known & np.isfinite(truth.top)
+    # Whole centimetres that are not too high; the summand is for 0.29 / 0.01 = 28.999...
+    max_step_cm = int(params.max_step / HEIGHT_RESOLUTION + 1e-6)
+    mask = blocked_transitions(height_cm, known, max_step_cm)
+    return MapError(
+        known_cells=known_cells,
+        known_cells_outside=int(height_map.known.sum()) - known_cells,
+        observable_cells=int(observable.sum()),
+        coverage=_ratio(known_observable, int(observable.sum())),
+        spurious=_ratio(known_cells - known_observable, known_cells),
+        error_of_seen=_height_error(error_of_seen),
+        error_of_seen_on_flat=_height_error(error_of_seen[relief <= FLAT]),
+        error_of_seen_on_slopes=_height_error(error_of_seen[(relief > FLAT) & (relief <= STEP)]),
+        error_of_seen_at_steps=_height_error(error_of_seen[relief > STEP]),
+        error_of_top=_height_error((height - truth.top)[has_top]),
+        blocked_transitions=_detection(mask, truth.top, known, params.max_step),
+    )
+
+
+def _relief(top: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(rows, columns) [m]: how much the known tops of a cell and its 8 neighbours differ."""
+    is_known = np.isfinite(top)
+    highest = maximum_filter(np.where(is_known, top, -np.inf), 3)
+    lowest = minimum_filter(np.where(is_known, top, np.inf), 3)
+    # Exact decimals would make a slope of 0.10 m a step.
+    return np.asarray(np.where(is_known, highest - lowest - 1e-6, np.inf))
+
+
+def _on_cells_of(
+    geometry: Geometry, height_map: HeightMap
+) -> tuple[NDArray[np.int16], NDArray[np.bool_]]:
+    """Height [cm] and being known of a map on the cells of the truth."""
+    offset = np.subtract(height_map.geometry.origin, geometry.origin) / geometry.resolution
+    ix, iy = np.rint(offset).astype(int)
+    is_same = np.isclose(height_map.geometry.resolution, geometry.resolution, rtol=1e-6)
+    if not is_same or np.abs(offset - (ix, iy)).max() > 0.01:
+        raise InputError(
+            f"the map's cells of {height_map.geometry.resolution:g} m are not those of the truth, "
+            f"{geometry.resolution:g} m with a corner at {geometry.origin}"
+        )
+    whole = Area(0, 0, *geometry.shape)
+    mapped = Area(int(iy), int(ix), *height_map.geometry.shape)
+    common = mapped.within(whole)
+    height, known = np.zeros(geometry.shape, np.int16), np.zeros(geometry.shape, np.bool_)
+    if common.rows and common.columns:
+        height[common.slices(whole)] = height_map.height[common.slices(mapped)]
+        known[common.slices(whole)] = height_map.known[common.slices(mapped)]
+    return height, known
+
+
+def _height_error(error: NDArray[np.float64]) -> HeightError:
+    if not error.size:
+        return HeightError(
+            cells=0, bias=None, median_absolute=None, percentile_95_absolute=None,
+            share_beyond_10_cm=None,
+        )  # fmt: skip
+    absolute = np.abs(error)
+    return HeightError(
+        cells=error.size,
+        bias=float(error.mean()),
+        median_absolute=float(np.median(absolute)),
+        percentile_95_absolute=float(np.percentile(absolute, 95.0)),
+        share_beyond_10_cm=float((absolute > LARGE_ERROR).mean()),
+    )
+
+
+def _detection(
+    mask: NDArray[np.uint8], top: NDArray[np.float64], known: NDArray[np.bool_], max_step: float
+) -> Detection:
+    """Blocked transitions of a map, as bits over `NEIGHBOURS`, against those of the surface."""
+    places = np.zeros((2 * top.shape[0] + 1, 2 * top.shape[1] + 1), np.bool_)
+    predicted_at, true_at = places.copy(), places.copy()
+    predicted, true = [], []
+    for bit, (dy, dx) in enumerate(NEIGHBOURS[:4]):  # the others are the same, from the far end
+        here, there = _ends(top.shape, dy, dx)
+        rows, columns = (
+            2 * index + 1 + d for index, d in zip(np.mgrid[here], (dy, dx), strict=True)
+        )
+        is_predicted = (mask[here] >> bit & 1).astype(np.bool_)
+        with np.errstate(invalid="ignore"):  # no surface beside no surface
+            is_true = np.abs(top[there] - top[here]) > max_step
+        is_known = known[here] & known[there]
+        predicted_at[rows[is_predicted], columns[is_predicted]] = True
+        true_at[rows[is_true], columns[is_true]] = True
+        predicted.append(np.stack([rows, columns])[:, is_predicted])
+        true.append(np.stack([rows, columns])[:, is_true & is_known])
+    # One cell is two places, and places are the middles of a square of five.
+    is_near_true, is_near_predicted = (
+        maximum_filter(at, size=5, mode="constant") for at in (true_at, predicted_at)
+    )
+    found_true = is_near_true[tuple(np.concatenate(predicted, axis=1))]
+    found_predicted = is_near_predicted[tuple(np.concatenate(true, axis=1))]
+    precision = _ratio(int(found_true.sum()), found_true.size)
+    recall = _ratio(int(found_predicted.sum()), found_predicted.size)
+    return Detection(
+        predicted=found_true.size,
+        true=found_predicted.size,
+        precision=precision,
+        recall=recall,
+        f1=_f1(precision, recall),
+    )
+
+
+def _ends(shape: tuple[int, int], dy: int, dx: int) -> tuple[tuple[slice, slice], ...]:
+    """Where in an array the cells with a neighbour at (dy, dx) lie, and where the neighbours."""
+    whole = Area(0, 0, *shape)
+    here = Area(-dy, -dx, *shape).within(whole)
+    there = Area(here.iy + dy, here.ix + dx, *here.shape)
+    return here.slices(whole), there.slices(whole)
+
+
+def _ratio(part: int, whole: int) -> float | None:
+    return part / whole if whole else None
+
+
+def _f1(precision: float | None, recall: float | None) -> float | None:
+    if precision is None or recall is None:
+        return None
+    return 2 * precision * recall / (precision + recall) if precision + recall else 0.0
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _rounded(entry) for name, entry in value.items()}
+    return round(value, 4) if isinstance(value, float) else value

@@ -1,0 +1,148 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The truth files of a world: its surface, its ground, and pairs of start and goal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.grid.height_map import Geometry
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Truth:
+    """The surface of a world.
+
+    Attributes
+    ----------
+    geometry : Geometry
+    top : (rows, columns) float64 [m]
+        Highest point over each cell's square; not finite where there is none.
+    seen : (rows, columns) float64 [m]
+        Highest point in each cell that a laser without noise met; NaN: none. Lower than ``top``
+        on walls that end above the lasers.
+    """
+
+    geometry: Geometry
+    top: NDArray[np.float64]
+    seen: NDArray[np.float64]
+
+
+@contextmanager
+def truth_file(path: Path, fault: str) -> Iterator[Any]:
+    """An npz file of the truth; whatever is wrong with what is read from it is bad input.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or (``fault``) is of another kind.
+    """
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            yield archive
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}") from None
+    except (ValueError, LookupError, TypeError, AttributeError, EOFError, BadZipFile) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"{path}: {fault}: {reason}") from None
+
+
+def read_truth(path: Path) -> Truth:
+    """The truth from a file with ``top``, ``seen``, ``resolution`` and ``origin``.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or is of another kind.
+    """
+    with truth_file(path, "is not a true surface") as archive:
+        top, seen = (np.asarray(archive[name], np.float64) for name in ("top", "seen"))
+        resolution, (x, y) = float(archive["resolution"]), archive["origin"]
+    if top.ndim != 2 or top.shape != seen.shape:
+        raise InputError(f"{path}: top and seen are not two grids of one shape")
+    geometry = Geometry(
+        resolution=resolution, origin=(float(x), float(y)), shape=(top.shape[0], top.shape[1])
+    )
+    return Truth(geometry=geometry, top=top, seen=seen)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrueGround:
+    """What a robot would drive on.
+
+    Attributes
+    ----------
+    geometry : Geometry
+    height : (rows, columns) float64 [m]
+        Not finite where there is none.
+    clearance : (rows, columns) float64 [m]
+        Clear height above it.
+    """
+
+    geometry: Geometry
+    height: NDArray[np.float64]
+    clearance: NDArray[np.float64]
+
+
+def read_ground(path: Path) -> TrueGround:
+    """The ground of a ``surface.npz``; its top where it does not tell ground from top.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or is of another kind.
+    """
+    with truth_file(path, "is not a true surface") as archive:
+        name = "ground" if "ground" in archive else "top"
+        height = np.asarray(archive[name], np.float64)
+        clearance = np.full(height.shape, np.inf)
+        if "clearance" in archive:
+            clearance = np.asarray(archive["clearance"], np.float64)
+        resolution, (x, y) = float(archive["resolution"]), archive["origin"]
+        rows, columns = height.shape
+    geometry = Geometry(resolution=resolution, origin=(float(x), float(y)), shape=(rows, columns))
+    return TrueGround(geometry=geometry, height=height, clearance=clearance)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GoalPairs:
+    """Starts and goals (N, 2) [m], map, and what is true of the ways between them.
+
+    Attributes
+    ----------
+    start, goal : (N, 2) float64 [m]
+    reachable : (N,) bool
+        Whether the robot can drive there in the true world.
+    observed : (N,) bool
+        Whether it can on cells that the lasers met.
+    """
+
+    start: NDArray[np.float64]
+    goal: NDArray[np.float64]
+    reachable: NDArray[np.bool_]
+    observed: NDArray[np.bool_]
+
+
+def read_goals(path: Path) -> GoalPairs:
+    """The pairs of a ``goals.npz``.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or is of another kind.
+    """
+    with truth_file(path, "holds no goals") as archive:
+        start, goal = (np.asarray(archive[name], np.float64) for name in ("start", "goal"))
+        reachable, observed = (
+            np.asarray(archive[name], bool) for name in ("reachable", "observed")
+        )
+    return GoalPairs(start=start[:, :2], goal=goal[:, :2], reachable=reachable, observed=observed)

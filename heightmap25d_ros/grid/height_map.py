@@ -1,0 +1,129 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The cells of the 2 1/2-D map: storage that follows what was seen, and its geometry.
+
+`HeightGrid` is the map that grows; `HeightMap` is a dense rectangle of it, for whoever reads.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+HEIGHT_RESOLUTION = 0.01
+"""One step of a stored height [m]: int16 centimetres, as in the paper."""
+
+HEIGHT_LIMIT = 32700
+"""Largest stored height [cm]: the paper's +-327 m."""
+
+PROBABILITY_SCALE = 65535
+"""Stored value of probability 1."""
+
+Cell = tuple[int, int]
+"""Row and column, (iy, ix)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Geometry:
+    """A rectangle of cells in the world, as nav_msgs/MapMetaData without rotation.
+
+    Attributes
+    ----------
+    resolution : float [m]
+    origin : (2,) float [m], map
+        The outer corner of cell (0, 0).
+    shape : (rows, columns)
+        Rows along y, columns along x.
+    """
+
+    resolution: float
+    origin: tuple[float, float]
+    shape: tuple[int, int]
+
+    def cell_at(self, point: ArrayLike) -> NDArray[np.int64]:
+        """Cell (..., 2) as (iy, ix) that holds a point (..., 2) as (x, y) [m]; unbounded."""
+        index = np.floor((np.asarray(point, dtype=np.float64) - self.origin) / self.resolution)
+        return index[..., ::-1].astype(np.int64)
+
+    def cell_corner(self, cell: ArrayLike) -> NDArray[np.float64]:
+        """Corner (..., 2) as (x, y) [m] of a cell (..., 2) as (iy, ix): its smallest x and y."""
+        index = np.asarray(cell, dtype=np.float64)[..., ::-1]
+        return np.asarray(self.origin + index * self.resolution)
+
+    def cell_center(self, cell: ArrayLike) -> NDArray[np.float64]:
+        """Center (..., 2) as (x, y) [m] of a cell (..., 2) as (iy, ix)."""
+        return self.cell_corner(cell) + 0.5 * self.resolution
+
+    def contains(self, cell: ArrayLike) -> NDArray[np.bool_]:
+        """Whether cells (..., 2) as (iy, ix) lie inside."""
+        index = np.asarray(cell)
+        return np.asarray(((index >= 0) & (index < self.shape)).all(axis=-1))
+
+    def part(self, area: Area) -> Geometry:
+        """The geometry of a part of these cells."""
+        x, y = self.cell_corner((area.iy, area.ix))
+        return Geometry(resolution=self.resolution, origin=(float(x), float(y)), shape=area.shape)
+
+
+@dataclass(frozen=True, slots=True)
+class Area:
+    """A rectangle of cells: rows ``iy .. iy + rows - 1``, columns likewise."""
+
+    iy: int
+    ix: int
+    rows: int
+    columns: int
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows, columns)."""
+        return self.rows, self.columns
+
+    def grown(self, cells: int) -> Area:
+        """The area with a margin on every side."""
+        return Area(
+            self.iy - cells, self.ix - cells, self.rows + 2 * cells, self.columns + 2 * cells
+        )
+
+    def within(self, outer: Area) -> Area:
+        """The part of it that lies in another area; at least empty."""
+        iy, ix = max(self.iy, outer.iy), max(self.ix, outer.ix)
+        rows = min(self.iy + self.rows, outer.iy + outer.rows) - iy
+        columns = min(self.ix + self.columns, outer.ix + outer.columns) - ix
+        return Area(iy, ix, max(rows, 0), max(columns, 0))
+
+    def slices(self, outer: Area) -> tuple[slice, slice]:
+        """Where this area lies in a dense array of another one."""
+        y, x = self.iy - outer.iy, self.ix - outer.ix
+        return slice(y, y + self.rows), slice(x, x + self.columns)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeightMap:
+    """A dense rectangle of the map: what is saved, published, converted and drawn.
+
+    Attributes
+    ----------
+    geometry : Geometry
+    height : (rows, columns) int16 [cm] above ground zero
+    probability : (rows, columns) uint16, 0 .. `PROBABILITY_SCALE` for 0 .. 1
+    probability_threshold : float
+        Below it a cell is unknown and its height means nothing.
+    """
+
+    geometry: Geometry
+    height: NDArray[np.int16]
+    probability: NDArray[np.uint16]
+    probability_threshold: float
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """(rows, columns): where there is a height to use."""
+        return self.probability >= stored_probability(self.probability_threshold)
+
+
+def stored_probability(probability: float) -> int:
+    """A probability as it is stored, and as stored ones are compared with."""
+    return int(np.floor(probability * PROBABILITY_SCALE + 0.5))

@@ -1,0 +1,7 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Bytes from outside become values, and values become bytes.
+
+`decode` and `encode` for messages, `bag` for rosbag2, `map_directory` and `trajectory` for files.
+What is not sound raises `InputError`, which names the file, topic or field.
+"""

@@ -1,0 +1,24 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Reading bytes that come from outside: whatever is wrong with them is bad input."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from heightmap25d_ros.errors import InputError
+
+
+@contextmanager
+def as_input_error(what: str) -> Iterator[None]:
+    """Reading bytes that come from outside: whatever is wrong with them is bad input."""
+    try:
+        yield
+    except InputError:
+        raise
+    except OSError as error:
+        raise InputError(f"{what}: {error.strerror or error}") from None
+    except Exception as error:  # zipfile and numpy raise a dozen types on damaged bytes
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(f"{what}: is damaged, or another kind of file: {reason}") from None

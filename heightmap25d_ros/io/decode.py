@@ -1,0 +1,288 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Messages into arrays and arrays into messages.
+
+Incoming messages are taken by duck type: rclpy's and rosbags' serve alike. What comes out of
+here is sound; what is not raises `InputError` with the field. Outgoing messages are rclpy's:
+their big arrays are set as ``array.array``, since every other way checks each element.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heightmap25d_ros import se3
+from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.grid.height_map import (
+    HEIGHT_RESOLUTION,
+    PROBABILITY_SCALE,
+    Geometry,
+    HeightMap,
+)
+from heightmap25d_ros.mapping.sensor_model import Scan
+
+QUATERNION_TOLERANCE = 0.01
+"""How far the norm of a rotation may be from 1, as in tf2; within it, it is normalised."""
+
+POSITION_LIMIT = 1e8
+"""Coordinates beyond this are nonsense [m]: a place on Earth has none as large."""
+
+ANGLE_COUNT_TOLERANCE = 2
+"""How many beams more or fewer than the angles say: drivers disagree about the last one."""
+
+SWEEP_LIMIT = 60.0
+"""A scan that takes longer than this from first to last beam is nonsense [s]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Odometry:
+    """A pose of the robot, as nav_msgs/Odometry.
+
+    Attributes
+    ----------
+    stamp_ns : int [ns]
+    frame_id, child_frame_id : str
+    T : (4, 4) float64
+        Pose of the child frame in the frame.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    child_frame_id: str
+    T: se3.Matrix
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Transform:
+    """Pose ``T`` (4, 4) of the child frame in its parent, as geometry_msgs/TransformStamped."""
+
+    parent: str
+    child: str
+    stamp_ns: int
+    T: se3.Matrix
+
+
+def stamp_ns(header: Any) -> int:
+    """Stamp [ns] of a std_msgs/Header.
+
+    Raises
+    ------
+    InputError
+        If it is negative, or its nanoseconds make a second or more.
+    """
+    seconds, nanoseconds = int(header.stamp.sec), int(header.stamp.nanosec)
+    if seconds < 0 or not 0 <= nanoseconds < 10**9:
+        raise InputError(f"header.stamp: {seconds} s {nanoseconds} ns is not a time")
+    return seconds * 10**9 + nanoseconds
+
+
+def scan(message: Any) -> Scan:
+    """`Scan` of a sensor_msgs/LaserScan; shares the memory of its ranges.
+
+    Raises
+    ------
+    InputError
+        If the angles or times are not finite, or do not go with the number of ranges.
+    """
+    stamp = stamp_ns(message.header)
+    ranges = np.asarray(message.ranges, dtype=np.float32)
+    for name in ("angle_min", "angle_max", "angle_increment", "time_increment"):
+        if not math.isfinite(getattr(message, name)):
+            raise InputError(f"{name}: {getattr(message, name)} is not finite")
+    steps = len(ranges) - 1
+    if steps < 0:
+        raise InputError("ranges: empty")
+    increment = float(message.angle_increment)
+    span = float(message.angle_max) - float(message.angle_min)
+    if steps and not increment:
+        raise InputError(f"angle_increment: zero with {len(ranges)} ranges")
+    if abs(span - increment * steps) > ANGLE_COUNT_TOLERANCE * abs(increment):
+        raise InputError(
+            f"ranges: {len(ranges)} do not go with angles over {span:g} rad by {increment:g} rad"
+        )
+    if not message.range_min <= message.range_max:
+        raise InputError(f"range_min: {message.range_min} is above range_max {message.range_max}")
+    if abs(message.time_increment) * steps > SWEEP_LIMIT:
+        raise InputError(f"time_increment: {message.time_increment:g} s between beams")
+    return Scan(
+        stamp_ns=stamp,
+        frame_id=_frame(message.header.frame_id),
+        angle_min=float(message.angle_min),
+        angle_increment=increment,
+        time_increment=float(message.time_increment),
+        range_min=float(message.range_min),
+        range_max=float(message.range_max),
+        ranges=ranges,
+    )
+
+
+def odometry(message: Any) -> Odometry:
+    """`Odometry` of a nav_msgs/Odometry; refuses unnamed frames, and what `pose` refuses."""
+    frame_id, child_frame_id = _frame(message.header.frame_id), _frame(message.child_frame_id)
+    if not (frame_id and child_frame_id):
+        raise InputError("child_frame_id: empty" if frame_id else "header.frame_id: empty")
+    return Odometry(
+        stamp_ns=stamp_ns(message.header),
+        frame_id=frame_id,
+        child_frame_id=child_frame_id,
+        T=pose(message.pose.pose, "pose.pose"),
+    )
+
+
+def height_map(message: Any) -> HeightMap:
+    """`HeightMap` of a heightmap25d_msgs/HeightGrid.
+
+    Raises
+    ------
+    InputError
+        If its geometry is not that of a grid along the axes, the arrays do not go with it, or the
+        heights are in another unit.
+    """
+    geometry = _geometry(message.info)
+    if not math.isclose(message.height_resolution, HEIGHT_RESOLUTION, rel_tol=1e-5):
+        raise InputError(
+            f"height_resolution: is {message.height_resolution:g} m, not {HEIGHT_RESOLUTION:g} m"
+        )
+    threshold = float(message.probability_threshold)
+    if not 0.0 < threshold <= 1.0:
+        raise InputError(f"probability_threshold: {threshold:g} is not within 0 .. 1")
+    rows, columns = geometry.shape
+    for name in ("height", "probability"):
+        if len(getattr(message, name)) != rows * columns:
+            raise InputError(
+                f"{name}: {len(getattr(message, name))} values for {columns} x {rows} cells"
+            )
+    probability = np.asarray(message.probability, np.uint16) * (PROBABILITY_SCALE // 255)
+    return HeightMap(
+        geometry=geometry,
+        height=np.array(message.height, np.int16).reshape(geometry.shape),
+        probability=probability.astype(np.uint16).reshape(geometry.shape),
+        probability_threshold=threshold,
+    )
+
+
+def _geometry(info: Any) -> Geometry:
+    """Of a nav_msgs/MapMetaData without rotation."""
+    resolution = float(info.resolution)
+    if not 0.001 <= resolution <= 1000.0:
+        raise InputError(f"info.resolution: {resolution:g} m is not the side of a cell")
+    if not (info.width and info.height):
+        raise InputError(f"info: {info.width} x {info.height} cells are no map")
+    x, y, _, *rotation = _coordinates(info.origin.position, info.origin.orientation, "info.origin")
+    if abs(rotation[3]) < 1.0 - 1e-6:
+        raise InputError("info.origin: the map is turned")
+    # The resolution is a float32 there: 0.1 is not the 0.1 that the cells were made with.
+    return Geometry(
+        resolution=float(f"{resolution:.7g}"), origin=(x, y), shape=(info.height, info.width)
+    )
+
+
+def pose_in(message: Any, frame_id: str, field: str) -> se3.Matrix:
+    """(4, 4) matrix of a geometry_msgs/PoseStamped that must be in a frame.
+
+    Raises
+    ------
+    InputError
+        If it is in another one; and for what `pose` refuses.
+    """
+    try:
+        require_frame(message.header, frame_id)
+        return pose(message.pose, "pose")
+    except InputError as error:
+        raise InputError(f"{field}.{error}") from None
+
+
+def require_frame(header: Any, frame_id: str) -> None:
+    """Refuse a std_msgs/Header of another frame.
+
+    Raises
+    ------
+    InputError
+        If it is another one.
+    """
+    frame = _frame(header.frame_id)
+    if frame != frame_id:
+        raise InputError(f"header.frame_id: is {frame!r}, not {frame_id!r}")
+
+
+def pose(message: Any, field: str) -> se3.Matrix:
+    """(4, 4) matrix of a geometry_msgs/Pose that stands in the given field of a message.
+
+    Raises
+    ------
+    InputError
+        If a value is not finite, the position is farther away than `POSITION_LIMIT`, or the
+        orientation is no unit quaternion within `QUATERNION_TOLERANCE`.
+    """
+    return np.asarray(_matrices([_coordinates(message.position, message.orientation, field)])[0])
+
+
+def planar_covariance(message: Any) -> NDArray[np.float64]:
+    """(3, 3) of x, y [m], yaw [rad] of a geometry_msgs/PoseWithCovarianceStamped.
+
+    Raises
+    ------
+    InputError
+        If it is not finite, or is no covariance: a variance is negative, for instance.
+    """
+    whole = np.asarray(message.pose.covariance, np.float64).reshape(6, 6)
+    covariance = whole[np.ix_((0, 1, 5), (0, 1, 5))]
+    if not np.isfinite(covariance).all() or np.linalg.eigvalsh(covariance)[0] < -1e-9:
+        raise InputError(f"pose.covariance: {covariance.tolist()} is not a covariance")
+    return np.asarray((covariance + covariance.T) / 2)
+
+
+def transforms(message: Any) -> list[Transform]:
+    """The sound ones of the transforms of a tf2_msgs/TFMessage.
+
+    Unsound ones are left out, as tf2 does: one broken joint of an arm must not take the
+    laser's mount away. Where all are unsound `InputError` names the first one's field.
+    """
+    sound: list[tuple[str, str, int]] = []
+    coordinates: list[tuple[float, ...]] = []
+    faults: list[InputError] = []
+    for index, stamped in enumerate(message.transforms):
+        field, content = f"transforms[{index}]", stamped.transform
+        try:
+            names = _frame(stamped.header.frame_id), _frame(stamped.child_frame_id)
+            if not all(names):
+                raise InputError(f"{field}: a frame has no name")
+            entry = (*names, stamp_ns(stamped.header))
+            coordinates.append(_coordinates(content.translation, content.rotation, field))
+            sound.append(entry)
+        except InputError as fault:
+            faults.append(fault)
+    if not sound:
+        if faults:
+            raise faults[0]
+        return []
+    return [
+        Transform(parent=parent, child=child, stamp_ns=stamp, T=T)
+        for (parent, child, stamp), T in zip(sound, _matrices(coordinates), strict=True)
+    ]
+
+
+def _frame(name: str) -> str:
+    """Frame name without the leading slash of old recordings, as tf2 reads it."""
+    return name.lstrip("/")
+
+
+def _coordinates(position: Any, quaternion: Any, field: str) -> tuple[float, ...]:
+    """Position and quaternion as seven numbers, checked."""
+    place = position.x, position.y, position.z
+    rotation = quaternion.x, quaternion.y, quaternion.z, quaternion.w
+    if not all(abs(coordinate) <= POSITION_LIMIT for coordinate in place):
+        raise InputError(f"{field}: {place} is not a place")
+    if not abs(math.hypot(*rotation) - 1.0) <= QUATERNION_TOLERANCE:
+        raise InputError(f"{field}: {rotation} is not a unit quaternion")
+    return place + rotation
+
+
+def _matrices(coordinates: list[tuple[float, ...]]) -> se3.Matrix:
+    values = np.array(coordinates, dtype=np.float64)
+    return se3.from_quaternion(values[:, :3], values[:, 3:])

@@ -1,0 +1,245 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Messages into arrays and arrays into messages.
+
+Incoming messages are taken by duck type: rclpy's and rosbags' serve alike. What comes out of
+here is sound; what is not raises `InputError` with the field. Outgoing messages are rclpy's:
+their big arrays are set as ``array.array``, since every other way checks each element.
+"""
+
+from __future__ import annotations
+
+import array
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heightmap25d_ros import se3
+from heightmap25d_ros.grid.height_map import (
+    HEIGHT_RESOLUTION,
+    PROBABILITY_SCALE,
+    Geometry,
+    HeightMap,
+)
+
+
+def fill_occupancy_grid(
+    message: Any, occupancy: NDArray[np.int8], geometry: Geometry, stamp: int, frame_id: str
+) -> None:
+    """Fill a nav_msgs/OccupancyGrid.
+
+    Parameters
+    ----------
+    message : nav_msgs.msg.OccupancyGrid
+    occupancy : (rows, columns) int8
+        -1 unknown, 0 .. 100.
+    geometry : Geometry
+        Of the same shape.
+    stamp : int [ns]
+        Of the newest reading in the map.
+    frame_id : str
+    """
+    if occupancy.shape != geometry.shape or occupancy.dtype != np.int8:
+        raise ValueError(f"{occupancy.dtype} {occupancy.shape} does not go with {geometry}")
+    fill_header(message.header, stamp, frame_id)
+    _fill_info(message.info, geometry, stamp)
+    message.data = _array("b", occupancy)
+
+
+def fill_height_grid(message: Any, height_map: HeightMap, stamp: int, frame_id: str) -> None:
+    """Fill a heightmap25d_msgs/HeightGrid.
+
+    Rounding to a byte must not make a known cell unknown, nor an observed one unobserved. So
+    the published threshold lies half-way between two bytes (0.5 stays 0.5), known cells are
+    rounded to the upper side of it or above, other observed cells to the lower side.
+    """
+    fill_header(message.header, stamp, frame_id)
+    _fill_info(message.info, height_map.geometry, stamp)
+    message.height_resolution = HEIGHT_RESOLUTION
+    step = PROBABILITY_SCALE / 255.0
+    rounded = np.rint(height_map.probability / step)
+    lowest_known = max(2, round(height_map.probability_threshold * 255.0))
+    observed = height_map.probability > 0
+    unknown = np.where(observed, np.clip(rounded, 1, lowest_known - 1), 0)
+    probability = np.where(height_map.known, np.maximum(rounded, lowest_known), unknown)
+    message.probability_threshold = (lowest_known - 0.5) / 255.0
+    message.height = _array("h", height_map.height)
+    message.probability = _array("B", probability.astype(np.uint8))
+
+
+def fill_height_points(
+    message: Any, point_field: Any, height_map: HeightMap, stamp: int, frame_id: str
+) -> None:
+    """Fill a sensor_msgs/PointCloud2 with the tops of the known cells.
+
+    Parameters
+    ----------
+    message : sensor_msgs.msg.PointCloud2
+        Becomes one row of points: x, y, z [m] and the probability as intensity, float32.
+    point_field : the class sensor_msgs.msg.PointField
+    height_map : HeightMap
+    stamp : int [ns]
+    frame_id : str
+    """
+    fill_header(message.header, stamp, frame_id)
+    cells = np.argwhere(height_map.known)
+    iy, ix = cells.T
+    points = np.empty((len(cells), 4), dtype="<f4")
+    points[:, :2] = height_map.geometry.cell_center(cells)
+    points[:, 2] = height_map.height[iy, ix] * HEIGHT_RESOLUTION
+    points[:, 3] = height_map.probability[iy, ix] / PROBABILITY_SCALE
+    message.height, message.width = 1, len(points)
+    message.fields = [
+        point_field(name=name, offset=4 * index, datatype=point_field.FLOAT32, count=1)
+        for index, name in enumerate(("x", "y", "z", "intensity"))
+    ]
+    message.is_bigendian = False
+    message.point_step = 16
+    message.row_step = 16 * len(points)
+    message.data = _array("B", points)
+    message.is_dense = True
+
+
+def fill_grid_map(
+    message: Any,
+    multi_array: Any,
+    dimension: Any,
+    height_map: HeightMap,
+    stamp: int,
+    frame_id: str,
+) -> None:
+    """Fill a grid_map_msgs/GridMap with the layers ``elevation`` [m] and ``probability``.
+
+    Its cells are stored as Eigen stores a matrix, column by column, where rows run along -x and
+    columns along -y from the corner of the largest x and y. Unknown heights are NaN, as its
+    readers expect.
+
+    Parameters
+    ----------
+    message : grid_map_msgs.msg.GridMap
+    multi_array, dimension : the classes std_msgs.msg.Float32MultiArray and MultiArrayDimension
+    height_map : HeightMap
+    stamp : int [ns]
+    frame_id : str
+    """
+    fill_header(message.header, stamp, frame_id)
+    geometry = height_map.geometry
+    columns, rows = geometry.shape  # of the matrix: our rows run along y
+    message.info.resolution = geometry.resolution
+    message.info.length_x, message.info.length_y = (
+        cells * geometry.resolution for cells in (rows, columns)
+    )
+    centre = message.info.pose
+    centre.position.x = geometry.origin[0] + message.info.length_x / 2
+    centre.position.y = geometry.origin[1] + message.info.length_y / 2
+    centre.orientation.w = 1.0
+    elevation = np.where(height_map.known, height_map.height * HEIGHT_RESOLUTION, np.nan)
+    layers = {"elevation": elevation, "probability": height_map.probability / PROBABILITY_SCALE}
+    message.layers, message.basic_layers = list(layers), ["elevation"]
+    for values in layers.values():
+        data = multi_array(data=_array("f", values[::-1, ::-1].astype(np.float32)))
+        data.layout.dim = [
+            dimension(label="column_index", size=columns, stride=rows * columns),
+            dimension(label="row_index", size=rows, stride=rows),
+        ]
+        message.data.append(data)
+
+
+def fill_path(
+    message: Any, pose_stamped: Any, poses: NDArray[np.float64], stamp: int, frame_id: str
+) -> None:
+    """Fill a nav_msgs/Path with poses (N, 4, 4).
+
+    Parameters
+    ----------
+    message : nav_msgs.msg.Path
+    pose_stamped : the class geometry_msgs.msg.PoseStamped
+    poses : (N, 4, 4) float64 [m], frame_id
+    stamp : int [ns]
+    frame_id : str
+    """
+    fill_header(message.header, stamp, frame_id)
+    quaternions = se3.to_quaternion(poses) if len(poses) else np.empty((0, 4))
+    for T, quaternion in zip(poses, quaternions, strict=True):
+        stamped = pose_stamped()
+        fill_header(stamped.header, stamp, frame_id)
+        place, rotation = stamped.pose.position, stamped.pose.orientation
+        place.x, place.y, place.z = (float(coordinate) for coordinate in T[:3, 3])
+        rotation.x, rotation.y, rotation.z, rotation.w = (float(part) for part in quaternion)
+        message.poses.append(stamped)
+
+
+def fill_pose(
+    message: Any, T: se3.Matrix, covariance: NDArray[np.float64], stamp: int, frame_id: str
+) -> None:
+    """Fill a geometry_msgs/PoseWithCovarianceStamped.
+
+    Parameters
+    ----------
+    message : geometry_msgs.msg.PoseWithCovarianceStamped
+    T : (4, 4) float64
+    covariance : (3, 3) float64
+        Of x, y [m], yaw [rad]; that of z, roll and pitch is not known and 0.
+    stamp : int [ns]
+    frame_id : str
+    """
+    fill_header(message.header, stamp, frame_id)
+    _fill_position(message.pose.pose.position, T)
+    _fill_rotation(message.pose.pose.orientation, T)
+    whole = np.zeros((6, 6))
+    whole[np.ix_((0, 1, 5), (0, 1, 5))] = covariance
+    message.pose.covariance = whole.reshape(-1)
+
+
+def fill_transform(message: Any, T: se3.Matrix, stamp: int, parent: str, child: str) -> None:
+    """Fill a geometry_msgs/TransformStamped with the pose (4, 4) of the child in its parent."""
+    fill_header(message.header, stamp, parent)
+    message.child_frame_id = child
+    _fill_position(message.transform.translation, T)
+    _fill_rotation(message.transform.rotation, T)
+
+
+def fill_poses(
+    message: Any, pose_type: Any, poses: NDArray[np.float64], stamp: int, frame_id: str
+) -> None:
+    """Fill a geometry_msgs/PoseArray; parameters as of `fill_path`, with the class Pose."""
+    fill_header(message.header, stamp, frame_id)
+    for T in poses:
+        filled = pose_type()
+        _fill_position(filled.position, T)
+        _fill_rotation(filled.orientation, T)
+        message.poses.append(filled)
+
+
+def _fill_position(message: Any, T: se3.Matrix) -> None:
+    message.x, message.y, message.z = map(float, T[:3, 3])
+
+
+def _fill_rotation(message: Any, T: se3.Matrix) -> None:
+    message.x, message.y, message.z, message.w = map(float, se3.to_quaternion(T))
+
+
+def _fill_stamp(message: Any, stamp: int) -> None:
+    message.sec, message.nanosec = divmod(stamp, 10**9)
+
+
+def fill_header(message: Any, stamp: int, frame_id: str) -> None:
+    """Fill a std_msgs/Header; the stamp in ns."""
+    _fill_stamp(message.stamp, stamp)
+    message.frame_id = frame_id
+
+
+def _fill_info(message: Any, geometry: Geometry, stamp: int) -> None:
+    """nav_msgs/MapMetaData: the origin is the outer corner of cell (0, 0), without rotation."""
+    _fill_stamp(message.map_load_time, stamp)
+    message.resolution = float(geometry.resolution)
+    message.height, message.width = (int(side) for side in geometry.shape)
+    message.origin.position.x, message.origin.position.y = map(float, geometry.origin)
+    message.origin.position.z = 0.0
+    message.origin.orientation.x = message.origin.orientation.y = 0.0
+    message.origin.orientation.z, message.origin.orientation.w = 0.0, 1.0
+
+
+def _array(code: str, values: NDArray[Any]) -> array.array[Any]:
+    return array.array(code, values.tobytes())

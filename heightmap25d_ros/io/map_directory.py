@@ -1,0 +1,275 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The map directory: ``map.yaml`` and ``map.pgm`` for map_server, ``height_grid.npz`` for us.
+
+And trajectories as TUM text.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heightmap25d_ros import se3
+from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.grid.height_map import (
+    HEIGHT_LIMIT,
+    HEIGHT_RESOLUTION,
+    PROBABILITY_SCALE,
+    Geometry,
+    HeightMap,
+)
+from heightmap25d_ros.io import atomic_directory
+from heightmap25d_ros.io._untrusted import as_input_error
+from heightmap25d_ros.io.trajectory import write_tum
+from heightmap25d_ros.terrain.traversability import ObstacleMap
+
+FORMAT_VERSION = 1
+
+MAX_CELLS = 2**30
+"""A larger map is refused unread; so is one of which 16 bytes a cell exceed the memory."""
+
+MAP_YAML, MAP_PGM, HEIGHT_GRID = "map.yaml", "map.pgm", "height_grid.npz"
+TRAJECTORY = "trajectory.tum"
+
+_MAX_SMALL_FIELD = 1024
+"""Bytes of a field that is not a grid."""
+
+_PIXEL_UNKNOWN, _PIXEL_FREE, _PIXEL_OCCUPIED = 205, 254, 0
+
+# What map_server calls unknown lies between the thresholds. The usual free_thresh of 0.25 turns
+# pixel 205, (255 - 205) / 255 = 0.19608, into free space when the map is loaded again.
+_OCCUPIED_THRESH, _FREE_THRESH = 0.65, 0.196
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoadedMap:
+    """What a map directory holds."""
+
+    height_map: HeightMap
+    frame_id: str
+
+
+def map_path(map_directory: Path, name: str) -> Path:
+    """Where a map of this name lies inside of the directory of maps.
+
+    Raises
+    ------
+    InputError
+        If the name is empty, holds a NUL, leads out of the directory (``..``, absolute, through
+        a symbolic link), or has a part that begins with a dot.
+    """
+    refused = InputError(f"map name {name!r}: does not name a map inside of {map_directory}")
+    parts = Path(name).parts
+    if not parts or "\0" in name or Path(name).is_absolute():
+        raise refused
+    if any(part.startswith(".") for part in parts):
+        raise refused
+    try:
+        root = map_directory.resolve()
+        path = (root / name).resolve()
+    except (OSError, RuntimeError) as error:
+        raise InputError(f"map name {name!r}: {error}") from None
+    if root not in path.parents:
+        raise refused
+    for parent in path.parents:
+        if root in parent.parents and (parent / HEIGHT_GRID).exists():
+            raise InputError(f"map name {name!r}: {parent.name} is a map itself")
+    return path
+
+
+def save(
+    directory: Path,
+    height_map: HeightMap,
+    obstacle_map: ObstacleMap,
+    frame_id: str,
+    trajectory: Sequence[tuple[int, se3.Matrix]] = (),
+) -> None:
+    """Write a map directory, in one step and in place of the one that is there.
+
+    A trajectory, stamps [ns] and poses (4, 4), becomes ``trajectory.tum``. Other files in the
+    directory stay. `atomic_directory.replacing` tells what a crash leaves.
+
+    Raises
+    ------
+    InputError
+        If the map is empty, or the directory cannot be written.
+    ValueError
+        If the two maps do not cover the same cells.
+    """
+    if obstacle_map.geometry != height_map.geometry:
+        raise ValueError("height map and obstacle map do not cover the same cells")
+    if not height_map.height.size:
+        raise InputError(f"{directory}: nothing has been mapped, so there is nothing to save")
+    with atomic_directory.replacing(directory) as temporary:
+        (temporary / MAP_YAML).write_text(map_yaml(height_map.geometry), encoding="utf-8")
+        (temporary / MAP_PGM).write_bytes(map_pgm(obstacle_map.occupancy))
+        np.savez_compressed(
+            temporary / HEIGHT_GRID,
+            height=height_map.height,
+            probability=height_map.probability / np.float32(PROBABILITY_SCALE),
+            probability_scale=np.float64(1.0),
+            height_resolution=np.float64(HEIGHT_RESOLUTION),
+            resolution=np.float64(height_map.geometry.resolution),
+            origin=np.array(height_map.geometry.origin, np.float64),
+            frame_id=np.array(frame_id),
+            format_version=np.int64(FORMAT_VERSION),
+        )
+        if trajectory:
+            write_tum(temporary / TRAJECTORY, trajectory)
+
+
+def load(directory: Path, probability_threshold: float) -> LoadedMap:
+    """Read ``height_grid.npz`` of a map directory, all of it or nothing.
+
+    Parameters
+    ----------
+    directory : Path
+    probability_threshold : float
+        Below it a cell is unknown; the reader's own, the file does not hold it.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, damaged, foreign, of another version, or too large.
+    """
+    path = directory / HEIGHT_GRID
+    with as_input_error(str(path)), zipfile.ZipFile(path) as archive:
+        version = int(_read_field(archive, path, "format_version"))
+        if version != FORMAT_VERSION:
+            raise InputError(f"{path}: format_version is {version}, not {FORMAT_VERSION}")
+        fields = {name: _read_field(archive, path, name) for name in _FIELDS}
+    return _checked(path, fields, probability_threshold)
+
+
+def load_in(directory: Path, probability_threshold: float, frame_id: str) -> HeightMap:
+    """The height map of a map directory that must be in a frame.
+
+    Raises
+    ------
+    InputError
+        If it is in another one; and for what `load` refuses.
+    """
+    loaded = load(directory, probability_threshold)
+    if loaded.frame_id != frame_id:
+        raise InputError(f"{directory}: frame_id is {loaded.frame_id!r}, not {frame_id!r}")
+    return loaded.height_map
+
+
+def digest(directory: Path) -> str:
+    """SHA-256 of ``height_grid.npz``: the same map gives the same."""
+    return hashlib.sha256((directory / HEIGHT_GRID).read_bytes()).hexdigest()
+
+
+def map_yaml(geometry: Geometry) -> str:
+    """The text of ``map.yaml``."""
+    x, y, resolution = (
+        # Not as 1e-05: YAML takes that for a string.
+        np.format_float_positional(number, trim="0")
+        for number in (*geometry.origin, geometry.resolution)
+    )
+    return (
+        f"image: {MAP_PGM}\n"
+        "mode: trinary\n"
+        f"resolution: {resolution}\n"
+        f"origin: [{x}, {y}, 0.0]\n"
+        "negate: 0\n"
+        f"occupied_thresh: {_OCCUPIED_THRESH}\n"
+        f"free_thresh: {_FREE_THRESH}\n"
+    )
+
+
+def map_pgm(occupancy: NDArray[np.int8]) -> bytes:
+    """The content of ``map.pgm``; its first row is the map's last one, the largest y."""
+    pixels = np.full(occupancy.shape, _PIXEL_UNKNOWN, np.uint8)
+    pixels[occupancy == 0] = _PIXEL_FREE
+    pixels[occupancy == 100] = _PIXEL_OCCUPIED
+    rows, columns = occupancy.shape
+    return f"P5\n{columns} {rows}\n255\n".encode() + pixels[::-1].tobytes()
+
+
+# What a field may be: the beginnings of numpy's names of its types, and its rank.
+_FIELDS: Mapping[str, tuple[tuple[str, ...], int]] = {
+    "format_version": (("i", "u"), 0),
+    "height": (("i2",), 2),
+    "probability": (("f4", "u2"), 2),
+    "probability_scale": (("f",), 0),
+    "height_resolution": (("f",), 0),
+    "resolution": (("f",), 0),
+    "origin": (("f",), 1),
+    "frame_id": (("U",), 0),
+}
+
+
+def _read_field(archive: zipfile.ZipFile, path: Path, name: str) -> NDArray[Any]:
+    """One array of the archive; its type and size are checked before its data are read."""
+    if f"{name}.npy" not in archive.namelist():
+        raise InputError(f"{path}: {name} is missing")
+    with as_input_error(f"{path}: {name}"):
+        info = archive.getinfo(f"{name}.npy")
+        if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+            raise InputError(f"{path}: {name} is compressed in an unknown way")
+        with archive.open(info) as file:
+            _check_header(file, path, name)
+        with archive.open(info) as file:
+            return np.asarray(np.lib.format.read_array(file, allow_pickle=False))
+
+
+def _check_header(file: IO[bytes], path: Path, name: str) -> None:
+    version = np.lib.format.read_magic(file)
+    read = np.lib.format.read_array_header_1_0
+    shape, _, dtype = (read if version == (1, 0) else np.lib.format.read_array_header_2_0)(file)
+    types, rank = _FIELDS[name]
+    if not dtype.str[1:].startswith(types) or len(shape) != rank:
+        raise InputError(f"{path}: {name} is an array {shape} of {dtype}, not as in a map")
+    if rank < 2 and dtype.itemsize * math.prod(shape) > _MAX_SMALL_FIELD:
+        raise InputError(f"{path}: {name} is too long")
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    if math.prod(shape) > min(MAX_CELLS, memory // 16):
+        raise InputError(f"{path}: {name} has {shape[0]} x {shape[1]} cells, which is too large")
+
+
+def _checked(path: Path, fields: dict[str, NDArray[Any]], threshold: float) -> LoadedMap:
+    """The map made of its fields, once all of them are found right."""
+    height, probability = fields["height"], fields["probability"]
+    resolution, scale = float(fields["resolution"]), float(fields["probability_scale"])
+    frame_id = str(fields["frame_id"])
+    believed = probability if probability.dtype.kind == "f" else probability * np.float32(scale)
+    for fault, found in {
+        "height is empty": height.size == 0,
+        "height and probability differ in shape": height.shape != probability.shape,
+        "height_resolution is not 0.01": not math.isclose(
+            fields["height_resolution"], HEIGHT_RESOLUTION, rel_tol=1e-6
+        ),
+        "resolution is not a positive length": not 0.0 < resolution < math.inf,
+        "origin is not two finite coordinates": fields["origin"].shape != (2,)
+        or not np.isfinite(fields["origin"]).all(),
+        "frame_id is empty": not frame_id,
+        "height holds values beyond the limit": height.size > 0
+        and max(int(height.max()), -int(height.min())) > HEIGHT_LIMIT,
+        "probability holds values outside of 0 .. 1": not (
+            (believed >= 0.0) & (believed <= 1.0)
+        ).all(),
+    }.items():
+        if found:
+            raise InputError(f"{path}: {fault}")
+    x, y = fields["origin"]
+    geometry = Geometry(
+        resolution=resolution, origin=(float(x), float(y)), shape=(height.shape[0], height.shape[1])
+    )
+    height_map = HeightMap(
+        geometry=geometry,
+        height=height.astype(np.int16),
+        probability=np.floor(believed * np.float32(PROBABILITY_SCALE) + 0.5).astype(np.uint16),
+        probability_threshold=threshold,
+    )
+    return LoadedMap(height_map=height_map, frame_id=frame_id)

@@ -1,0 +1,324 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""How well the points of a short-term map lie on a long-term map.
+
+A hypothesis (x, y, yaw) turns the points about a pivot by the yaw and shifts them. Its score is
+the mean of what the points cost, in metres, the lower the better:
+
+- The error of z is eliminated first: the median of the differences in height is taken out.
+- What is left of a point's difference costs, up to ``clip``.
+- Two *edges* cost nothing. An edge is a cell that stands above one beside it, or of a thin thing
+  with unknown cells on both sides: a wall, a post. Lasers see faces, not tops, so the stored
+  height of an edge depends on where the robot was, and only its place can be compared.
+- An edge over an unknown cell costs the part ``unknown`` of ``clip``, so that a world of one
+  height, as a level laser alone sees it, is matched by where there is something. Beyond what the
+  map knows nothing counts, neither edges farther than `_NEAR` cells from known ones nor other
+  points over unknown cells: a robot that looks farther than the map reaches must not be drawn
+  back into it. Half of the points count in any case, as over unknown cells where they are not
+  over others, so that no hypothesis wins by having little to compare.
+
+The paper's score, the sum of the absolute differences over cells that are valid in both maps, is
+this one without clip, edges, unknown cells, elimination of z and mean.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heightmap25d_ros.kernels import inlined_kernel, kernel
+from heightmap25d_ros.localization.surface import BORDER, Surface
+
+_BINS = 256  # of the differences in height, for their median
+_LEAST_GAIN = 1e-9  # [m] of score
+_MOST_MOVES = 40  # of a descent with one step
+_LEAST_COUNTED = 0.5  # share of the points; with fewer, others are taken for points over unknown
+
+
+class RegistrationPoints(NamedTuple):
+    """Places of a short-term map.
+
+    Attributes
+    ----------
+    xyz : (N, 3) float64 [m]
+        x and y seen from the pivot, along the axes of the map; z in the map.
+    is_edge : (N,) bool
+    weight : (N,) float64
+        How much each counts.
+    """
+
+    xyz: NDArray[np.float64]
+    is_edge: NDArray[np.bool_]
+    weight: NDArray[np.float64]
+
+    def some(self, index: NDArray[np.int64]) -> RegistrationPoints:
+        """Those of an index."""
+        return RegistrationPoints(self.xyz[index], self.is_edge[index], self.weight[index])
+
+
+class Cost(NamedTuple):
+    """What a difference in height costs.
+
+    Attributes
+    ----------
+    clip : float [m]
+        The most that a point costs.
+    unknown : float
+        Part of it for a point over an unknown cell.
+    z_range : float [m]
+        Errors of z are looked for up to plus and minus this.
+    """
+
+    clip: float
+    unknown: float
+    z_range: float
+
+
+class Match(NamedTuple):
+    """What a hypothesis is worth.
+
+    Attributes
+    ----------
+    score : float [m]
+    z : float [m]
+        To be added to the points' heights.
+    overlap : float
+        Share of the points, by their weight, that lie over known cells.
+    residual : float [m]
+        The mean of what these cost.
+    """
+
+    score: float
+    z: float
+    overlap: float
+    residual: float
+
+
+def match(
+    points: RegistrationPoints,
+    hypothesis: NDArray[np.float64],
+    surface: Surface,
+    pivot: tuple[float, float],
+    cost: Cost,
+) -> Match:
+    """Score of a hypothesis, below the size of a cell.
+
+    A point costs what the four cells around it say, weighted by how near their centres are.
+
+    Parameters
+    ----------
+    points : RegistrationPoints
+    hypothesis : (3,) float64 [m, m, rad]
+        x, y, yaw.
+    surface : Surface
+    pivot : (2,) float [m], map
+    cost : Cost
+    """
+    x, y, yaw = hypothesis
+    counts = np.zeros(_BINS, np.int64)
+    return Match(*_match(*points, x, y, yaw, _cells(surface, pivot), tuple(cost), counts))
+
+
+def search(
+    points: RegistrationPoints,
+    window: tuple[NDArray[Any], NDArray[Any], NDArray[np.float64]],
+    surface: Surface,
+    pivot: tuple[float, float],
+    cost: Cost,
+) -> NDArray[np.float64]:
+    """Scores of all hypotheses of a window in steps of whole cells; a point's own cell counts.
+
+    Parameters
+    ----------
+    window : x (X,) int64, y (Y,) int64, yaw (W,) float64 [cells, cells, rad]
+
+    Returns
+    -------
+    (W, Y, X) float64 [m]
+    """
+    x, y, yaw = window
+    scores = np.empty((len(yaw), len(y), len(x)))
+    _search(*points, x, y, yaw, _cells(surface, pivot), tuple(cost), scores)
+    return scores
+
+
+def descend(
+    points: RegistrationPoints,
+    hypothesis: NDArray[np.float64],
+    steps: NDArray[np.float64],
+    surface: Surface,
+    pivot: tuple[float, float],
+    cost: Cost,
+) -> NDArray[np.float64]:
+    """The hypothesis (3,) at the bottom of the basin.
+
+    Parameters
+    ----------
+    steps : (S, 3) float64 [m, m, rad]
+        The 26 neighbours at each step are tried until none is better.
+    """
+    return np.asarray(
+        _descend(*points, hypothesis, steps, _cells(surface, pivot), tuple(cost)), np.float64
+    )
+
+
+def _cells(surface: Surface, pivot: tuple[float, float]) -> tuple[Any, ...]:
+    """A surface for the kernels: plain, with a border of two unknown cells, and the pivot in it.
+
+    Inside of the kernels x and y are counted in cells from the corner of the border.
+    """
+    u, v = (np.asarray(pivot) - surface.origin) / surface.resolution + BORDER
+    return (
+        *surface.bordered,
+        float(u),
+        float(v),
+        1.0 / surface.resolution,
+    )
+
+
+@inlined_kernel
+def _inside(cell, count):
+    """A cell's row or column; the border where it is farther out."""
+    return min(max(cell, 0), count - 1)
+
+
+@inlined_kernel
+def _cost_of(height, is_edge, top, is_edge_too, clip):
+    return 0.0 if is_edge and is_edge_too else min(abs(height - top), clip)
+
+
+@inlined_kernel
+def _eliminated(  # noqa: PLR0913
+    columns, rows, shift_x, shift_y, xyz, edge, heights, edges, z_range, counts,
+):  # fmt: skip
+    """Error of z over cells (N,): the median of what is counted in bins.
+
+    Edges are left out, unless there is hardly anything else.
+    """
+    per_bin = _BINS / (2 * z_range)
+    counted = 0
+    for with_edges in range(2):
+        counts[:] = 0
+        counted = 0
+        for i in range(len(rows)):
+            iy = _inside(rows[i] + shift_y, heights.shape[0])
+            ix = _inside(columns[i] + shift_x, heights.shape[1])
+            k = (heights[iy, ix] - xyz[i, 2] + z_range) * per_bin
+            # Unknown heights are NaN, which is never within.
+            if 0.0 <= k < _BINS and (with_edges or not (edge[i] or edges[iy, ix])):
+                counts[int(k)] += 1
+                counted += 1
+        if 10 * counted >= len(rows):
+            break
+    half, below, k = (counted + 1) // 2, 0, 0
+    while k < _BINS - 1 and below + counts[k] < half:
+        below += counts[k]
+        k += 1
+    part = (half - below - 0.5) / max(counts[k], 1)
+    return (k + part) * (2 * z_range / _BINS) - z_range if counted else 0.0
+
+
+@inlined_kernel
+def _place(  # noqa: PLR0913
+    xyz, yaw, u0, v0, per_metre, u, v, columns, rows,
+):  # fmt: skip
+    """Where points, turned by a yaw, lie [cells]."""
+    cos, sin = np.cos(yaw) * per_metre, np.sin(yaw) * per_metre
+    for i in range(len(xyz)):
+        u[i] = u0 + cos * xyz[i, 0] - sin * xyz[i, 1]
+        v[i] = v0 + sin * xyz[i, 0] + cos * xyz[i, 1]
+        columns[i], rows[i] = int(np.floor(u[i])), int(np.floor(v[i]))
+
+
+@kernel
+def _match(  # noqa: PLR0913
+    xyz, edge, weight, x, y, yaw, cells, cost, counts,
+):  # fmt: skip
+    """`Match` of a hypothesis."""
+    heights, edges, counts_there, u0, v0, per_metre = cells
+    clip, unknown, z_range = cost
+    u, v = np.empty(len(xyz)), np.empty(len(xyz))
+    columns, rows = np.empty(len(xyz), np.int64), np.empty(len(xyz), np.int64)
+    _place(xyz, yaw, u0 + x * per_metre, v0 + y * per_metre, per_metre, u, v, columns, rows)
+    z = _eliminated(columns, rows, 0, 0, xyz, edge, heights, edges, z_range, counts)
+    over_known = known = counted = weights = 0.0
+    for i in range(len(xyz)):
+        left, low = np.floor(u[i] - 0.5), np.floor(v[i] - 0.5)
+        a, b = u[i] - 0.5 - left, v[i] - 0.5 - low
+        weights += weight[i]
+        for oy in range(2):
+            iy = _inside(int(low) + oy, heights.shape[0])
+            for ox in range(2):
+                ix = _inside(int(left) + ox, heights.shape[1])
+                height = heights[iy, ix]
+                share = (a if ox else 1.0 - a) * (b if oy else 1.0 - b) * weight[i]
+                if height == height:
+                    known += share
+                    counted += share
+                    over_known += share * _cost_of(
+                        height, edges[iy, ix], xyz[i, 2] + z, edge[i], clip
+                    )
+                elif edge[i] and counts_there[iy, ix]:
+                    counted += share
+    weights = max(weights, 1e-12)
+    counted = max(counted, _LEAST_COUNTED * weights)
+    score = (over_known + (counted - known) * unknown * clip) / counted
+    return score, z, known / weights, over_known / max(known, 1e-12)
+
+
+@kernel
+def _search(  # noqa: PLR0913
+    xyz, edge, weight, xs, ys, yaws, cells, cost, scores,
+):  # fmt: skip
+    """Scores (W, Y, X) of hypotheses in steps of whole cells."""
+    heights, edges, counts_there, u0, v0, per_metre = cells
+    clip, unknown, z_range = cost
+    counts = np.zeros(_BINS, np.int64)
+    u, v = np.empty(len(xyz)), np.empty(len(xyz))
+    columns, rows = np.empty(len(xyz), np.int64), np.empty(len(xyz), np.int64)
+    least = max(_LEAST_COUNTED * weight.sum(), 1e-12)
+    for w in range(len(yaws)):
+        _place(xyz, yaws[w], u0, v0, per_metre, u, v, columns, rows)
+        for j in range(len(ys)):
+            for i in range(len(xs)):
+                z = _eliminated(
+                    columns, rows, xs[i], ys[j], xyz, edge, heights, edges, z_range, counts
+                )
+                total = known = counted = 0.0
+                for k in range(len(rows)):
+                    iy = _inside(rows[k] + ys[j], heights.shape[0])
+                    ix = _inside(columns[k] + xs[i], heights.shape[1])
+                    height = heights[iy, ix]
+                    if height == height:
+                        known += weight[k]
+                        counted += weight[k]
+                        total += weight[k] * _cost_of(
+                            height, edges[iy, ix], xyz[k, 2] + z, edge[k], clip
+                        )
+                    elif edge[k] and counts_there[iy, ix]:
+                        counted += weight[k]
+                counted = max(counted, least)
+                scores[w, j, i] = (total + (counted - known) * unknown * clip) / counted
+
+
+@kernel
+def _descend(xyz, edge, weight, hypothesis, steps, cells, cost):
+    counts = np.zeros(_BINS, np.int64)
+    best = hypothesis.copy()
+    score = _match(xyz, edge, weight, best[0], best[1], best[2], cells, cost, counts)[0]
+    for s in range(len(steps)):
+        for _ in range(_MOST_MOVES):
+            start, before = best.copy(), score
+            for move in range(27):
+                x = start[0] + steps[s, 0] * (move % 3 - 1)
+                y = start[1] + steps[s, 1] * (move // 3 % 3 - 1)
+                yaw = start[2] + steps[s, 2] * (move // 9 - 1)
+                value = _match(xyz, edge, weight, x, y, yaw, cells, cost, counts)[0]
+                if value < score - _LEAST_GAIN:
+                    score = value
+                    best[0], best[1], best[2] = x, y, yaw
+            if score == before:
+                break
+    return best

@@ -1,0 +1,296 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A short-term map against the long-term map: how far the pose is off, or why that is not known.
+
+`register` searches a window around the prior in steps of whole cells with some of the points,
+refines the best basins below the size of a cell, and the best of them with all points (3000 of
+them, where there are more). What the surroundings do not observe (the way along a flat street)
+gets no information and no correction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heightmap25d_ros import se3
+from heightmap25d_ros.arrays import Array
+from heightmap25d_ros.localization import matching
+from heightmap25d_ros.localization.matching import Cost, Match, RegistrationPoints
+from heightmap25d_ros.localization.short_term import LocalCells
+from heightmap25d_ros.localization.surface import Surface
+from heightmap25d_ros.params.sections import RegistrationParams
+
+_Window = tuple[NDArray[Any], NDArray[Any], Array]
+
+MIN_POINTS = 60
+"""With fewer nothing is registered."""
+
+_FRESH = 0.5  # [m] of way after which what was seen counts 1/e, since odometry drifted meanwhile
+_BASINS = 8  # that are refined
+_APART = 2  # [cells, steps of yaw] of two basins in the search
+_DISTINCT = 1.5  # [cells] between the bottoms of two basins
+_COARSE_STEPS, _FINE_STEPS = (1 / 2, 1 / 4), (1 / 4, 1 / 8, 1 / 16, 1 / 32)  # [cells]
+_FINE_POINTS = 3000  # of the last pass at most
+_PENALTY = 0.003  # [clip] that a hypothesis one standard deviation from the prior costs
+SIGMAS = 3.0
+"""Standard deviations of the prior that are searched."""
+
+_CERTAINTY = 250.0  # [1 / cell^2 / curvature] measured: what makes the covariance true
+
+
+class Reason(Enum):
+    """What became of a registration."""
+
+    ACCEPTED = "accepted"
+    FEW_POINTS = "too few points"
+    LITTLE_OVERLAP = "too little overlap"
+    HIGH_RESIDUAL = "heights do not agree"
+    AMBIGUOUS = "another place fits as well"
+    FAR_FROM_PRIOR = "too far from the prior"
+    UNOBSERVED = "nothing to hold on to"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Registration:
+    """How far the pose of the robot is off, as seen from the prior.
+
+    Attributes
+    ----------
+    reason : Reason
+    offset : (3,) float64 [m, m, rad], map
+        To be added to x, y and yaw of the robot.
+    z : float [m]
+        To be added to its z.
+    information : (3, 3) float64
+        Inverse of the covariance of the offset; zero along directions that are not observed.
+    overlap : float
+        Share of the points over known cells.
+    residual : float [m]
+        Mean cost of these.
+    ratio : float
+        Score over that of the second-best basin; 0 where there is none.
+    points : int
+    """
+
+    reason: Reason
+    offset: Array
+    z: float
+    information: Array
+    overlap: float
+    residual: float
+    ratio: float
+    points: int
+
+    @property
+    def is_accepted(self) -> bool:
+        """Whether the pose may be corrected by it."""
+        return self.reason is Reason.ACCEPTED
+
+
+def to_registration_points(
+    seen: LocalCells, T_map_odom: se3.Matrix, T_odom_base: se3.Matrix
+) -> tuple[RegistrationPoints, tuple[float, float]]:
+    """RegistrationPoints of a short-term map, and the pivot: where the robot is."""
+    x, y = (T_map_odom @ T_odom_base)[:2, 3]
+    xyz = se3.transform_points(T_map_odom, seen.xyz) - (x, y, 0.0)
+    points = RegistrationPoints(np.ascontiguousarray(xyz), seen.is_edge, np.exp(-seen.age / _FRESH))
+    return points, (float(x), float(y))
+
+
+def register(
+    points: RegistrationPoints,
+    pivot: tuple[float, float],
+    surface: Surface,
+    prior: Array,
+    params: RegistrationParams,
+) -> Registration:
+    """Register points against the long-term map.
+
+    Parameters
+    ----------
+    points : RegistrationPoints
+        At the prior pose.
+    pivot : (2,) float [m], map
+        Position of the robot.
+    surface : Surface
+    prior : (3, 3) float64
+        Covariance of x, y, yaw of the prior pose.
+    params : RegistrationParams
+    """
+    if len(points.xyz) < MIN_POINTS:
+        return rejected(Reason.FEW_POINTS, len(points.xyz))
+    cost = Cost(params.clip, params.unknown, params.z_range)
+    scale = scale_of(points, surface)
+    few = points.some(search_points(points, params.search_points))
+    window = _window(prior, scale, params)
+    precision = np.asarray(np.linalg.inv(prior), np.float64)
+    starts = _basins(few, window, surface, pivot, cost, precision)
+    bottoms = np.array([
+        matching.descend(few, start, np.outer(_COARSE_STEPS, scale), surface, pivot, cost)
+        for start in starts
+    ])  # fmt: skip
+    scores = np.array([
+        matching.match(few, bottom, surface, pivot, cost).score for bottom in bottoms
+    ]) + _penalty(bottoms, precision, cost)  # fmt: skip
+    best = int(scores.argmin())
+    most = points.some(search_points(points, _FINE_POINTS))
+    offset = matching.descend(
+        most, bottoms[best], np.outer(_FINE_STEPS, scale), surface, pivot, cost
+    )
+    found = matching.match(points, offset, surface, pivot, cost)
+    values, directions = curvature(most, offset, surface, pivot, cost, scale)
+    is_observed = values > 2 * params.min_curvature
+    directions, values = directions[:, is_observed], values[is_observed]
+    information = _information(values, directions, scale)
+    apart = np.linalg.norm((bottoms - offset) / scale @ directions, axis=1) > _DISTINCT
+    ratio = float(scores[best] / scores[apart].min()) if apart.any() else 0.0
+    deviation = _deviation(offset, prior, directions, values, scale)
+    return Registration(
+        reason=_reason(found, ratio, deviation, len(values), params),
+        offset=offset,
+        z=found.z,
+        information=information,
+        overlap=found.overlap,
+        residual=found.residual,
+        ratio=ratio,
+        points=len(points.xyz),
+    )
+
+
+def search_points(points: RegistrationPoints, count: int) -> NDArray[np.int64]:
+    """Index of points that tell most: two thirds edges, spread evenly, where there are as many."""
+    edges, others = np.flatnonzero(points.is_edge), np.flatnonzero(~points.is_edge)
+    of_edges = min(len(edges), max(2 * count // 3, count - len(others)))
+    return np.sort(np.concatenate([_spread(edges, of_edges), _spread(others, count - of_edges)]))
+
+
+def curvature(
+    points: RegistrationPoints,
+    offset: Array,
+    surface: Surface,
+    pivot: tuple[float, float],
+    cost: Cost,
+    scale: Array,
+) -> tuple[Array, Array]:
+    """How the score rises around a hypothesis, one cell away: by principal directions.
+
+    Returns
+    -------
+    values : (3,) float64 [clip / cell^2]
+    directions : (3, 3) float64
+        In columns; in units of ``scale``, which is what moves the points by about a cell.
+    """
+
+    def value(*steps: float) -> float:
+        return matching.match(points, offset + scale * steps, surface, pivot, cost).score
+
+    unit = np.eye(3)
+    middle = value(0.0, 0.0, 0.0)
+    hessian = np.empty((3, 3))
+    for i in range(3):
+        hessian[i, i] = value(*unit[i]) + value(*-unit[i]) - 2 * middle
+        for j in range(i):
+            same = value(*(unit[i] + unit[j])) + value(*(-unit[i] - unit[j]))
+            other = value(*(unit[i] - unit[j])) + value(*(unit[j] - unit[i]))
+            hessian[i, j] = hessian[j, i] = (same - other) / 4
+    values, directions = np.linalg.eigh(hessian / cost.clip)
+    return values, directions
+
+
+def rejected(reason: Reason, points: int) -> Registration:
+    """A registration that was not made."""
+    return Registration(
+        reason=reason, offset=np.zeros(3), z=0.0, information=np.zeros((3, 3)), overlap=0.0,
+        residual=0.0, ratio=0.0, points=points,
+    )  # fmt: skip
+
+
+def scale_of(points: RegistrationPoints, surface: Surface) -> Array:
+    """(3,) [m, m, rad] that move the points by about a cell."""
+    radius = np.sqrt(np.average((points.xyz[:, :2] ** 2).sum(axis=1), weights=points.weight))
+    cell = surface.resolution
+    return np.array([cell, cell, cell / max(radius, cell)])
+
+
+def _spread(index: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    if len(index) <= count:
+        return index
+    return index[np.arange(count) * len(index) // max(count, 1)]
+
+
+def _window(prior: Array, scale: Array, params: RegistrationParams) -> _Window:
+    """x, y and yaw of the hypotheses, in steps of the scale, as of `matching.search`."""
+    widths = SIGMAS * np.sqrt(np.diag(prior))
+    limits = params.window_distance, params.window_distance, params.window_angle
+    counts = np.ceil(np.minimum(widths, limits) / scale).astype(int)
+    x, y, yaw = (np.arange(-n, n + 1) for n in np.maximum(counts, 1))
+    return x, y, yaw * scale[2]
+
+
+def _basins(
+    points: RegistrationPoints,
+    window: _Window,
+    surface: Surface,
+    pivot: tuple[float, float],
+    cost: Cost,
+    precision: Array,
+) -> Array:
+    """The best hypotheses (B, 3) of a window that are not beside one another."""
+    x, y, yaw = window
+    scores = matching.search(points, window, surface, pivot, cost)
+    places = np.stack(np.meshgrid(yaw, y, x, indexing="ij"), axis=-1)[..., ::-1].copy()
+    places[..., :2] *= surface.resolution
+    scores += _penalty(places, precision, cost)
+    found = []
+    for _ in range(_BASINS):
+        w, j, i = np.unravel_index(scores.argmin(), scores.shape)
+        if np.isinf(scores[w, j, i]):
+            break
+        found.append(places[w, j, i])
+        scores[tuple(slice(max(k - _APART, 0), k + _APART + 1) for k in (w, j, i))] = np.inf
+    return np.array(found)
+
+
+def _penalty(hypotheses: Array, precision: Array, cost: Cost) -> Array:
+    """What hypotheses (..., 3) cost for being away from the prior."""
+    squared = np.einsum("...i,ij,...j->...", hypotheses, precision, hypotheses)
+    return np.asarray(_PENALTY * cost.clip * squared)
+
+
+def _information(values: Array, directions: Array, scale: Array) -> Array:
+    """Of the offset, from the curvature along observed directions (3, K)."""
+    scaled = directions / scale[:, None]
+    return np.asarray(scaled * (_CERTAINTY * values) @ scaled.T)
+
+
+def _deviation(
+    offset: Array, prior: Array, directions: Array, values: Array, scale: Array
+) -> float:
+    """Standard deviations of the offset from the prior, along observed directions."""
+    if not len(values):
+        return 0.0
+    along = directions.T @ (offset / scale)
+    spread = directions.T @ (prior / np.outer(scale, scale)) @ directions
+    spread += np.diag(1.0 / (_CERTAINTY * values))
+    return float(np.sqrt(along @ np.linalg.solve(spread, along)))
+
+
+def _reason(
+    found: Match, ratio: float, deviation: float, observed: int, params: RegistrationParams
+) -> Reason:
+    if found.overlap < params.min_overlap:
+        return Reason.LITTLE_OVERLAP
+    if found.residual > params.max_residual:
+        return Reason.HIGH_RESIDUAL
+    if observed == 0:
+        return Reason.UNOBSERVED
+    if ratio > params.max_ratio:
+        return Reason.AMBIGUOUS
+    if deviation > params.max_deviation:
+        return Reason.FAR_FROM_PRIOR
+    return Reason.ACCEPTED

@@ -1,0 +1,202 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Short-term maps: what the robot saw along its last metres, by odometry alone.
+
+Several of staggered age, as in Schultz and Adams (1998): when the oldest one is given up, the
+next one is mature already, and drift within one of them stays small.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heightmap25d_ros import se3
+from heightmap25d_ros.grid.height_grid import TILE, HeightGrid
+from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, HeightMap, stored_probability
+from heightmap25d_ros.kernels import kernel
+from heightmap25d_ros.localization import surface
+from heightmap25d_ros.mapping.mapper import Mapper
+from heightmap25d_ros.mapping.sensor_model import Beams
+from heightmap25d_ros.params.sections import GridParams, Params
+
+_RADIAN = 0.5  # [m] of way that turning by a radian counts as
+
+
+@dataclass(frozen=True, slots=True)
+class LocalCells:
+    """The known cells of a short-term map.
+
+    Attributes
+    ----------
+    xyz : (N, 3) float64 [m], odom
+        Where a cell's newest return of about its height was, and its height.
+    is_edge : (N,) bool
+        As of `matching`.
+    age : (N,) float64 [m]
+        Way since that return.
+    """
+
+    xyz: NDArray[np.float64]
+    is_edge: NDArray[np.bool_]
+    age: NDArray[np.float64]
+
+
+class ShortTermMap:
+    """One map, in a grid whose middle is where it was started.
+
+    Parameters
+    ----------
+    start : (3,) float64 [m], odom
+        Position of the robot.
+    way, stamp_ns : float [m], int [ns]
+        Of the robot at its start.
+    params : Params
+    """
+
+    def __init__(
+        self, start: NDArray[np.float64], way: float, stamp_ns: int, params: Params
+    ) -> None:
+        self.way, self.stamp_ns = way, stamp_ns
+        self._start = start
+        self._threshold = params.mapper.probability_threshold
+        self._tolerance = round(params.mapper.height_tolerance / HEIGHT_RESOLUTION)
+        self._edge_step = params.registration.edge_step
+        extent = 2.0 * (params.sensor.max_range + params.short_term.length)
+        self._grid = HeightGrid(GridParams(resolution=params.grid.resolution, extent=extent))
+        self._mapper = Mapper(self._grid, params.sensor, params.mapper)
+        # Of each cell's newest return x, y and way; float32 reaches for a map of this size.
+        self._newest = np.zeros((*self._grid.geometry.shape, 3), np.float32)
+        self._newest[:, :, 2] = -1.0
+
+    def integrate(self, beams: Beams, way: float) -> None:
+        """Merge beams, in odom; the way [m] of the robot tells the age of what it saw."""
+        ends = beams.ends - self._start
+        is_hit = beams.is_hit & ~beams.is_lone
+        self._mapper.integrate(
+            Beams(
+                origins=beams.origins - self._start,
+                ends=ends,
+                is_hit=beams.is_hit,
+                is_lone=beams.is_lone,
+            )
+        )
+        geometry = self._grid.geometry
+        _note(
+            ends, is_hit, way - self.way, self._grid.height.cells, geometry.origin,
+            geometry.resolution, self._tolerance, self._newest,
+        )  # fmt: skip
+
+    def height_map(self) -> HeightMap:
+        """The map in odom: cells of its own, heights above the odometry's ground zero."""
+        height_map = self._grid.read(self._threshold)
+        x, y, z = self._start
+        geometry = height_map.geometry
+        origin = (geometry.origin[0] + float(x), geometry.origin[1] + float(y))
+        shift = np.int16(round(z / HEIGHT_RESOLUTION))
+        return replace(
+            height_map,
+            geometry=replace(geometry, origin=origin),
+            height=np.where(height_map.probability > 0, height_map.height + shift, 0).astype(
+                np.int16
+            ),
+        )
+
+    def local_cells(self, way: float) -> LocalCells:
+        """Its known cells, as seen at a way [m] of the robot."""
+        area = self._grid.observed_area()
+        height_map = self._grid.read(self._threshold, area)
+        newest = self._newest[area.slices(self._grid.area)]
+        is_used = height_map.known & (newest[:, :, 2] >= 0.0)
+        height = height_map.height * np.float32(HEIGHT_RESOLUTION)
+        heights = np.where(height_map.known, height, np.float32(np.nan))
+        xyz = np.column_stack([newest[is_used][:, :2], height[is_used]])
+        return LocalCells(
+            xyz=xyz.astype(np.float64) + self._start,
+            is_edge=surface.edges(heights, self._edge_step)[is_used],
+            age=way - self.way - newest[is_used][:, 2].astype(np.float64),
+        )
+
+    @property
+    def known_cells(self) -> int:
+        """How many cells are known."""
+        probability = self._grid.probability.read(self._grid.observed_area())
+        return int((probability >= stored_probability(self._threshold)).sum())
+
+
+@kernel
+def _note(ends, is_hit, way, heights, corner, resolution, tolerance, newest):
+    """Keep the places of returns that are not far below what their cells hold."""
+    for i in range(len(ends)):
+        ix = int(np.floor((ends[i, 0] - corner[0]) / resolution))
+        iy = int(np.floor((ends[i, 1] - corner[1]) / resolution))
+        if not is_hit[i] or not (0 <= iy < newest.shape[0] and 0 <= ix < newest.shape[1]):
+            continue
+        height = heights[iy // TILE, ix // TILE, iy % TILE, ix % TILE]
+        if abs(ends[i, 2] / HEIGHT_RESOLUTION - height) <= tolerance:
+            newest[iy, ix, 0], newest[iy, ix, 1] = ends[i, 0], ends[i, 1]
+            newest[iy, ix, 2] = way
+
+
+class ShortTermMaps:
+    """The maps of staggered age.
+
+    Parameters
+    ----------
+    params : Params
+
+    Attributes
+    ----------
+    params : Params
+        Of the maps that are to come.
+    way : float [m]
+        Driven so far.
+    """
+
+    def __init__(self, params: Params) -> None:
+        self.way = 0.0
+        self.params = params
+        self._stamp_ns = 0
+        self._T_odom_base: se3.Matrix | None = None
+        self._maps: list[ShortTermMap] = []
+
+    def clear(self) -> None:
+        """Start anew: what was seen so far does not go with what will be seen."""
+        self._maps.clear()
+        self._T_odom_base = None
+
+    def integrate(self, beams: Beams, T_odom_base: se3.Matrix, stamp_ns: int) -> None:
+        """Merge beams, in odom, taken at a pose (4, 4) of the robot."""
+        params = self.params.short_term
+        if self._T_odom_base is not None:
+            self.way += way_between(self._T_odom_base, T_odom_base)
+        self._T_odom_base, self._stamp_ns = T_odom_base, stamp_ns
+        spacing = params.length / params.maps
+        if self._maps and self.way - self._maps[0].way > params.length:
+            self._maps.pop(0)
+        if not self._maps or self.way - self._maps[-1].way >= spacing:
+            self._maps.append(
+                ShortTermMap(T_odom_base[:3, 3].copy(), self.way, stamp_ns, self.params)
+            )
+        for short_term_map in self._maps:
+            short_term_map.integrate(beams, self.way)
+
+    def mature(self) -> ShortTermMap | None:
+        """The oldest one, if it is old and full enough."""
+        if not self._maps:
+            return None
+        oldest, params = self._maps[0], self.params.short_term
+        is_old = (
+            self.way - oldest.way >= params.mature_way
+            or self._stamp_ns - oldest.stamp_ns >= params.mature_time * 1e9
+        )
+        return oldest if is_old and oldest.known_cells >= params.mature_cells else None
+
+
+def way_between(T_before: se3.Matrix, T_after: se3.Matrix) -> float:
+    """Way [m] from a pose (4, 4) to the next; turning counts as well."""
+    motion = se3.inverse(T_before) @ T_after
+    turn = abs(np.arctan2(motion[1, 0], motion[0, 0]))
+    return float(np.linalg.norm(motion[:3, 3]) + _RADIAN * turn)

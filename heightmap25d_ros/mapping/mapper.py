@@ -1,0 +1,369 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The paper on one screen: beams into cells.
+
+A beam clears the cells that it passes over (`_clear`) and raises, confirms or leaves alone the
+cell that it ends in (`hit`), by eq. (1) to (4) of Fong et al. (2003). Inside the kernels x and
+y are counted in cells from the grid's corner, z in centimetres, and the way along a beam in
+ticks: integers, which add up without rounding and faster than floats.
+
+The kernels take plain arrays, many of them, are inlined, divide by numpy's rules, which raise
+nothing, and leave a loop by one condition only. Otherwise numba counts references to the arrays
+for every beam, which costs more than the work. They stay in one file, since numba's cache does
+not see changes of what a kernel calls in another one.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from heightmap25d_ros.grid.height_grid import TILE, TOP_BIAS, HeightGrid
+from heightmap25d_ros.grid.height_map import (
+    HEIGHT_LIMIT,
+    HEIGHT_RESOLUTION,
+    stored_probability,
+)
+from heightmap25d_ros.kernels import inlined_kernel, kernel
+from heightmap25d_ros.mapping.cell_update import Likelihoods, Rule, hit, miss
+from heightmap25d_ros.mapping.sensor_model import Beams
+from heightmap25d_ros.params.sections import MapperParams, SensorParams
+
+_OBSERVED = 1  # a tile_top: observed, though none of its cells has a height now
+_TILE_CELLS = TILE * TILE
+_TICKS = 2.0**40  # along a beam from end to end, however long it is
+_FEW = 1024  # [ticks] that adding up may be off; what a beam passes for less it only touches
+_ENDLESS = 2.0**57  # [ticks per cell] of a beam that does not leave it along an axis
+_LEVEL = 0.25  # [cm] a beam that falls less is taken to fall so much when tiles are left out
+_GOLDEN = 2654435761  # spreads the cells over a hash set (Knuth's multiplicative hashing)
+_PROBES = 16  # slots of the set that are tried
+
+
+class Integrated(NamedTuple):
+    """What became of the beams of a scan.
+
+    Attributes
+    ----------
+    hits : int
+        Returns that were merged into a cell.
+    clipped : int
+        Of these, the ones beyond +-327 m, stored as +-327 m.
+    outside : int
+        Returns beyond the extent of the grid, lost.
+    """
+
+    hits: int
+    clipped: int
+    outside: int
+
+
+class Mapper:
+    """Merges beams into a grid.
+
+    Parameters
+    ----------
+    grid : HeightGrid
+    sensor : SensorParams
+    params : MapperParams
+    """
+
+    def __init__(self, grid: HeightGrid, sensor: SensorParams, params: MapperParams) -> None:
+        self.grid = grid
+        self.params = params
+        candidate = params.update_rule == "candidate"
+        hit_model = Likelihoods(sensor.hit_given_object, sensor.hit_given_empty, sensor.max_range)
+        miss_model = Likelihoods(
+            sensor.miss_given_object, sensor.miss_given_empty, sensor.max_range
+        )
+        rule = Rule(
+            candidate=candidate,
+            tolerance=round(params.height_tolerance / HEIGHT_RESOLUTION),
+            allowance=round(params.height_allowance / HEIGHT_RESOLUTION) if candidate else 0,
+            clearing_width=params.clearing_width / 2 if candidate else np.inf,
+            clearing_margin=params.clearing_margin / HEIGHT_RESOLUTION if candidate else 0.0,
+            known=stored_probability(params.probability_threshold),
+            lowest=stored_probability(params.probability_min),
+            highest=stored_probability(params.probability_max),
+            replace_belief=params.replace_belief,
+            candidate_belief=stored_probability(params.candidate_belief),
+        )
+        cells = (grid.height, grid.probability, grid.candidate_height, grid.candidate_probability)
+        self._constants = (
+            grid.geometry.origin,
+            1.0 / grid.geometry.resolution,
+            grid.tile_top.shape,
+            *(array.cells.reshape(-1) for array in cells),
+            grid.tile_top.reshape(-1),
+            grid.tile_changed.reshape(-1),
+            # Plain tuples: named ones cost numba three times as much, at each call.
+            tuple(hit_model),
+            tuple(miss_model),
+            tuple(rule),
+        )
+
+    def integrate(self, beams: Beams) -> Integrated:
+        """Merge the beams, one after the other."""
+        counts = _integrate(
+            beams.origins, beams.ends, beams.is_hit, beams.is_lone, *self._constants
+        )
+        return Integrated(*counts)
+
+
+@kernel
+def _integrate(  # noqa: PLR0913
+    origins, ends, is_hit, is_lone, corner, cells_per_metre, tiles,
+    heights, probabilities, candidate_heights, candidates, tile_top, tile_changed,
+    hit_model, miss_model, rule,
+):  # fmt: skip
+    """Merge beams, shapes (N, 3), (N, 3), (N,); returns the counts of `Integrated`."""
+    hit_model, miss_model, rule = Likelihoods(*hit_model), Likelihoods(*miss_model), Rule(*rule)
+    hits = clipped = outside = 0
+    rows, columns = tiles
+    judged = _cells_hit(ends, is_hit, is_lone, corner, cells_per_metre, columns, rule)
+    for beam in range(len(ends)):
+        if rule.candidate and is_lone[beam]:
+            continue
+        origin = _in_cells(origins, beam, corner, cells_per_metre)
+        end = _in_cells(ends, beam, corner, cells_per_metre)
+        if not (_is_inside(origin, rows, columns) and _is_inside(end, rows, columns)):
+            outside += is_hit[beam]
+            continue
+        length = np.sqrt(
+            (ends[beam, 0] - origins[beam, 0]) ** 2
+            + (ends[beam, 1] - origins[beam, 1]) ** 2
+            + (ends[beam, 2] - origins[beam, 2]) ** 2
+        )
+        _clear(
+            origin, end, length, columns, heights, probabilities, candidate_heights, candidates,
+            tile_top, tile_changed, judged, miss_model, rule,
+        )  # fmt: skip
+        if not is_hit[beam]:
+            continue
+        z = int(np.floor(end[2] + 0.5))
+        clipped += abs(z) > HEIGHT_LIMIT
+        z = min(max(z, -HEIGHT_LIMIT), HEIGHT_LIMIT)
+        ix, iy = int(end[0]), int(end[1])
+        tile = np.uint64(iy // TILE * columns + ix // TILE)
+        cell = np.uint64(tile * np.uint64(_TILE_CELLS) + np.uint64(iy % TILE * TILE + ix % TILE))
+        before = _content(cell, heights, probabilities, candidate_heights, candidates)
+        after = hit(before, z, length, hit_model, rule)
+        heights[cell], probabilities[cell] = after[0], after[1]
+        if after[3] != 0 or before[3] != 0:  # a page without candidates takes no memory
+            candidate_heights[cell], candidates[cell] = after[2], after[3]
+        if after[0] != before[0] or before[1] < rule.known:
+            tile_changed[tile] = 1
+        tile_top[tile] = max(tile_top[tile], max(after[0], z) + TOP_BIAS)
+        hits += 1
+    return hits, clipped, outside
+
+
+@inlined_kernel
+def _in_cells(points, index, corner, cells_per_metre):
+    """A point [m] as x, y [cells] from the corner and z [cm]."""
+    x = (points[index, 0] - corner[0]) * cells_per_metre
+    y = (points[index, 1] - corner[1]) * cells_per_metre
+    return x, y, points[index, 2] * (1.0 / HEIGHT_RESOLUTION)
+
+
+@inlined_kernel
+def _is_inside(point, rows, columns):
+    return 0.0 <= point[0] < columns * TILE and 0.0 <= point[1] < rows * TILE
+
+
+@inlined_kernel
+def _content(cell, heights, probabilities, candidate_heights, candidates):
+    """The four numbers of a cell."""
+    return (
+        np.int64(heights[cell]),
+        np.int64(probabilities[cell]),
+        np.int64(candidate_heights[cell]),
+        np.int64(candidates[cell]),
+    )
+
+
+@inlined_kernel
+def _clear(  # noqa: PLR0913
+    origin, end, length, columns, heights, probabilities, candidate_heights, candidates,
+    tile_top, tile_changed, judged, model, rule,
+):  # fmt: skip
+    """Walk the tiles between the ends of a beam, and in them the cells that may reach it.
+
+    The walk goes from the upper end to the lower one.
+    """
+    upper, lower, distance, metres = origin, end, 0.0, length / _TICKS
+    if origin[2] < end[2]:
+        upper, lower, distance, metres = end, origin, length, -length / _TICKS
+    x, y = _axis(upper[0], lower[0]), _axis(upper[1], lower[1])
+    first = min(_exit(int(upper[0]), 1, x), _exit(int(upper[1]), 1, y))
+    last = max(_entry(int(lower[0]), x), _entry(int(lower[1]), y)) - _FEW
+    z, fall = upper[2] + rule.clearing_margin, upper[2] - lower[2]
+    ticks_per_cm = _TICKS / max(fall, _LEVEL)
+    biased_z = z + TOP_BIAS
+    tx, ty = int(upper[0]) // TILE, int(upper[1]) // TILE
+    index = ty * columns + tx
+    exit_x, exit_y = _exit(tx, TILE, x), _exit(ty, TILE, y)
+    across_x, across_y = _across(TILE, x), _across(TILE, y)
+    last_tx, last_ty = int(lower[0]) // TILE, int(lower[1]) // TILE
+    for _ in range(1 + abs(last_tx - tx) + abs(last_ty - ty)):
+        stop = min(exit_x, exit_y, last)
+        tile = np.uint64(index)
+        # Only where the beam is no higher than the highest cell of the tile it can meet one.
+        meets = int((biased_z - tile_top[tile]) * ticks_per_cm)
+        if meets < stop and _clear_tile(
+            tile, max(first, meets, exit_x - across_x, exit_y - across_y), stop, x, y,
+            z, fall / _TICKS, distance, metres,
+            heights, probabilities, candidate_heights, candidates, judged, model, rule,
+        ):  # fmt: skip
+            tile_changed[tile] = 1
+            tile_top[tile] = _top_of(
+                tile, heights, probabilities, candidate_heights, candidates, rule
+            )
+        if exit_x < exit_y:
+            index += x.step
+            exit_x += across_x
+        else:
+            index += y.step * columns
+            exit_y += across_y
+
+
+@inlined_kernel
+def _clear_tile(  # noqa: PLR0913
+    tile, start, stop, x, y, z, fall, distance, metres,
+    heights, probabilities, candidate_heights, candidates, judged, model, rule,
+):  # fmt: skip
+    """Lower the belief in what stands in the beam; whether a cell became unknown by it.
+
+    ``fall`` [cm] and ``metres``, which start from ``z`` and ``distance``, are per tick.
+    """
+    is_lost = False
+    half_fall = 0.5 * fall
+    ix = np.floor(x.origin + (start + _FEW) * x.cells)
+    iy = np.floor(y.origin + (start + _FEW) * y.cells)
+    exit_x, exit_y = _exit(ix, 1, x), _exit(iy, 1, y)
+    across_x, across_y = _across(1, x), _across(1, y)
+    entered = max(exit_x - across_x, exit_y - across_y)
+    index = np.int64(tile) * _TILE_CELLS + int(iy) % TILE * TILE + int(ix) % TILE
+    while entered < stop - _FEW:
+        left = min(exit_x, exit_y)
+        beam_height = z - (entered + left) * half_fall
+        cell = np.uint64(index)
+        is_met = heights[cell] >= beam_height or candidates[cell] > 0
+        if is_met and left - entered > _FEW:
+            before = _content(cell, heights, probabilities, candidate_heights, candidates)
+            middle = 0.5 * (entered + left)
+            if _is_contradicted(before, beam_height, rule) and (
+                not rule.candidate or _may_judge(index, middle, x, y, judged, rule)
+            ):
+                after = miss(before, beam_height, distance + middle * metres, model, rule)
+                probabilities[cell] = after[1]
+                if before[3] != 0:
+                    candidates[cell] = after[3]
+                is_lost |= after[1] < rule.known <= before[1]
+        entered = left
+        if exit_x < exit_y:
+            index += x.step
+            exit_x += across_x
+        else:
+            index += y.step * TILE
+            exit_y += across_y
+    return is_lost
+
+
+@inlined_kernel
+def _is_contradicted(cell, beam_height, rule):
+    height, probability, candidate_height, candidate = cell
+    stands = height >= beam_height and probability >= rule.known
+    return stands or (candidate > 0 and candidate_height >= beam_height)
+
+
+@kernel
+def _cells_hit(ends, is_hit, is_lone, corner, cells_per_metre, columns, rule):
+    """A hash set of the cells that this scan's returns are in; empty for the literal rule."""
+    size = 16
+    while size < 4 * len(ends):
+        size *= 2
+    judged = np.full(size if rule.candidate else 1, np.int64(-1))
+    for beam in range(len(ends)):
+        if rule.candidate and is_hit[beam] and not is_lone[beam]:
+            end = _in_cells(ends, beam, corner, cells_per_metre)
+            ix, iy = int(np.floor(end[0])), int(np.floor(end[1]))
+            tile = iy // TILE * columns + ix // TILE
+            _add(tile * _TILE_CELLS + iy % TILE * TILE + ix % TILE, judged)
+    return judged
+
+
+@inlined_kernel
+def _add(cell, judged):
+    """Put a cell into the set; false if it is in it already, or the set is full around it."""
+    mask = len(judged) - 1
+    slot = ((cell * _GOLDEN) >> 20) & mask
+    for _ in range(_PROBES):
+        if judged[slot] == cell:
+            return False
+        if judged[slot] == -1:
+            judged[slot] = cell
+            return True
+        slot = (slot + 1) & mask
+    return False
+
+
+@inlined_kernel
+def _may_judge(index, middle, x, y, judged, rule):
+    """Whether a beam may speak against a cell: it passes the middle, and is the scan's first."""
+    off_x = int(x.origin + middle * x.cells) + 0.5 - x.origin
+    off_y = int(y.origin + middle * y.cells) + 0.5 - y.origin
+    across = off_x * y.cells - off_y * x.cells
+    if across**2 > rule.clearing_width**2 * (x.cells**2 + y.cells**2):
+        return False
+    return _add(index, judged)
+
+
+class _Axis(NamedTuple):
+    """A beam along the x or the y axis."""
+
+    origin: float
+    step: int  # from cell to cell, 1 or -1
+    side: int  # of a cell, by which the beam leaves it
+    cells: float  # per tick
+    ticks: float  # per cell; both negative where the step is
+
+
+@inlined_kernel
+def _axis(origin, end):
+    extent = end - origin
+    ticks = min(_TICKS / abs(extent), _ENDLESS)
+    if extent < 0.0:
+        return _Axis(origin, -1, 0, extent / _TICKS, -ticks)
+    return _Axis(origin, 1, 1, extent / _TICKS, ticks)
+
+
+@inlined_kernel
+def _exit(index, size, axis):
+    """Where [ticks] a beam leaves a cell, or a tile of a size, along one axis."""
+    return int(((index + axis.side) * size - axis.origin) * axis.ticks)
+
+
+@inlined_kernel
+def _across(size, axis):
+    """How many ticks a beam is in a cell, or in a tile of a size, along one axis."""
+    return int(abs(axis.ticks) * size)
+
+
+@inlined_kernel
+def _entry(index, axis):
+    """Where [ticks] a beam enters a cell along one axis."""
+    return _exit(index, 1, axis) - _across(1, axis)
+
+
+@kernel
+def _top_of(tile, heights, probabilities, candidate_heights, candidates, rule):
+    """Highest height or candidate in a tile, as `HeightGrid.tile_top` has it."""
+    top = _OBSERVED
+    first = np.int64(tile) * _TILE_CELLS
+    for cell in range(first, first + _TILE_CELLS):
+        if probabilities[cell] >= rule.known:
+            top = max(top, heights[cell] + TOP_BIAS)
+        if candidates[cell] > 0:
+            top = max(top, candidate_heights[cell] + TOP_BIAS)
+    return top

@@ -1,0 +1,171 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A scan, the mount of its laser and the poses of the robot become beams in the map."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heightmap25d_ros import se3
+from heightmap25d_ros.params.sections import SensorParams
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scan:
+    """One planar scan, as sensor_msgs/LaserScan.
+
+    Attributes
+    ----------
+    stamp_ns : int [ns]
+        Of the first beam.
+    frame_id : str
+    angle_min, angle_increment : float [rad]
+    time_increment : float [s]
+        Between beams; negative where the laser turns the other way round in time.
+    range_min, range_max : float [m]
+    ranges : (N,) float32 [m]
+    """
+
+    stamp_ns: int
+    frame_id: str
+    angle_min: float
+    angle_increment: float
+    time_increment: float
+    range_min: float
+    range_max: float
+    ranges: NDArray[np.float32]
+
+    def beam_stamps_ns(self) -> NDArray[np.int64]:
+        """(N,) int64: when each beam was taken; (1,) where all were at once."""
+        count = len(self.ranges) if self.time_increment else 1
+        offsets = np.arange(count) * (self.time_increment * 1e9)
+        stamps: NDArray[np.int64] = self.stamp_ns + np.rint(offsets).astype(np.int64)
+        return stamps
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Beams:
+    """Straight lines through empty space; those that hit end on an object.
+
+    Attributes
+    ----------
+    origins : (N, 3) float64 [m], map
+        The laser at each beam's own time.
+    ends : (N, 3) float64 [m], map
+    is_hit : (N,) bool
+        Whether the end is the top of an object as far as this beam can tell; otherwise the
+        beam only clears.
+    is_lone : (N,) bool
+        Whether the beams beside it see nothing near the end: a mixed pixel, a phantom.
+    """
+
+    origins: NDArray[np.float64]
+    ends: NDArray[np.float64]
+    is_hit: NDArray[np.bool_]
+    is_lone: NDArray[np.bool_]
+
+
+def lone_returns(
+    ranges: NDArray[np.float64], is_return: NDArray[np.bool_], distance: float
+) -> NDArray[np.bool_]:
+    """Returns that the beams beside them contradict: mixed pixels and phantoms.
+
+    A return is supported within ``distance`` of a neighbour's, or of where the line through the
+    two beams next to it on one side leads: along a straight surface the inverse of the range is
+    linear in small angles, however grazing the beams are. A neighbour that measured nothing
+    (NaN) says nothing; one without return (+inf) contradicts.
+
+    Parameters
+    ----------
+    ranges : (N,) float64 [m]
+    is_return : (N,) bool
+    distance : float [m]
+        0: no return is alone.
+    """
+    if distance == 0.0:
+        return np.zeros(len(ranges), bool)
+    inverse = np.full(len(ranges) + 4, np.nan)
+    inverse[2:-2][is_return] = 1.0 / ranges[is_return]
+    before2, before, after, after2 = inverse[:-4], inverse[1:-3], inverse[3:-1], inverse[4:]
+    is_supported = np.zeros(len(ranges), bool)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for expected in (before, after, 2 * before - before2, 2 * after - after2):
+            is_supported |= np.abs(1.0 / expected - ranges) <= distance
+    speaks = np.pad(is_return | (ranges == np.inf), 1)
+    is_lone: NDArray[np.bool_] = is_return & ~is_supported & (speaks[:-2] | speaks[2:])
+    return is_lone
+
+
+def _range_to_ground(
+    directions: NDArray[np.float64], T_base_sensor: se3.Matrix
+) -> NDArray[np.float64]:
+    """(N,) float64 [m]: from the laser to the plane of base_link, infinite where it never is.
+
+    Parameters
+    ----------
+    directions : (N, 2) float64
+        Of the beams, in the plane of the scan.
+    T_base_sensor : (N, 4, 4) or (1, 4, 4) float64
+    """
+    height = T_base_sensor[:, 2, 3]
+    fall = -(T_base_sensor[:, 2, 0] * directions[:, 0] + T_base_sensor[:, 2, 1] * directions[:, 1])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(fall > 0.0, np.maximum(height, 0.0) / fall, np.inf)
+
+
+def beams(
+    scan: Scan,
+    T_map_base: se3.Matrix,
+    T_base_sensor: se3.Matrix,
+    params: SensorParams,
+    lone_return: float = 0.0,
+) -> Beams:
+    """Beams of a scan in the map frame, by REP-117.
+
+    +inf: no return, clears to ``clearing_range``, ``range_max`` or the plane of base_link, the
+    nearest one: below the ground on which the robot stands nothing is empty, so that such a beam
+    was merely not answered. NaN, -inf and values outside of ``range_min .. range_max`` or below
+    ``min_range``: no beam. Returns beyond ``max_range`` clear up to there, and returns outside of
+    the window ``min_height .. max_height`` above base_link clear up to the return; neither hits.
+
+    Parameters
+    ----------
+    scan : Scan
+    T_map_base, T_base_sensor : (N, 4, 4) or (1, 4, 4) float64
+        At each beam's own time.
+    params : SensorParams
+    lone_return : float [m]
+        How far from its neighbours' a return is alone, see `lone_returns`; 0: none is.
+    """
+    ranges = scan.ranges.astype(np.float64)
+    nearest = max(scan.range_min, params.min_range)
+    is_return = (ranges >= nearest) & (ranges <= scan.range_max)
+    is_miss = ranges == np.inf
+    angles = scan.angle_min + scan.angle_increment * np.arange(len(ranges))
+    in_plane = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    cleared = np.minimum(
+        min(params.clearing_range, scan.range_max), _range_to_ground(in_plane, T_base_sensor)
+    )
+    reach = np.where(is_miss, cleared, np.minimum(ranges, params.max_range))
+    used = (is_return | is_miss) & (reach > 0.0)
+
+    T_map_sensor = T_map_base @ T_base_sensor
+    origins = np.broadcast_to(T_map_sensor[:, :3, 3], (len(ranges), 3))[used]
+    base_z = np.broadcast_to(T_map_base[:, 2, 3], len(ranges))[used]
+    axes = np.broadcast_to(T_map_sensor[:, :3, :2], (len(ranges), 3, 2))[used]
+    along = in_plane[used]
+    direction = axes[:, :, 0] * along[:, :1] + axes[:, :, 1] * along[:, 1:]
+    ends = origins + reach[used, None] * direction
+
+    above_base = ends[:, 2] - base_z
+    in_window = (above_base >= params.min_height) & (above_base <= params.max_height)
+    is_hit = is_return[used] & (ranges[used] <= params.max_range) & in_window
+    return Beams(
+        origins=np.ascontiguousarray(origins),
+        ends=ends,
+        is_hit=is_hit,
+        is_lone=lone_returns(ranges, is_return, lone_return)[used],
+    )

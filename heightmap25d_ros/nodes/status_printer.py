@@ -1,0 +1,38 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Prints the state of the nodes of its namespace, as /diagnostics tell it, when it changes."""
+
+from __future__ import annotations
+
+import re
+import sys
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.node import Node
+
+from heightmap25d_ros.nodes import runtime
+
+
+class StatusPrinterNode(Node):
+    """Part of ``heightmap25d bringup``."""
+
+    def __init__(self) -> None:
+        super().__init__("status_printer")
+        self._told: dict[str, str] = {}
+        self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            told = re.sub(r"\d+", "", status.message)  # that a count went up is no news
+            if status.hardware_id == self.get_namespace() and self._told.get(status.name) != told:
+                self._told[status.name] = told
+                print(f"{status.name}: {status.message}", flush=True)
+
+
+def main() -> int:
+    """Run the node."""
+    return runtime.run(StatusPrinterNode)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

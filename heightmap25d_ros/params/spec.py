@@ -1,0 +1,74 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Every tunable number, once: default, unit, range and meaning.
+
+One frozen section per module; the module takes its own section, the nodes declare ROS
+parameters from it (``section.name``), and `parameter_file` writes ``config/heightmap25d.yaml``
+and the table of docs/interface.md from it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+from heightmap25d_ros.errors import InputError
+
+Value = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spec:
+    """What is known of one parameter besides its name and default."""
+
+    meaning: str
+    unit: str = ""
+    low: float = -math.inf
+    high: float = math.inf
+    choices: tuple[str, ...] = ()
+
+    @property
+    def range_text(self) -> str:
+        """The admitted values in words, empty where every value of the type is admitted."""
+        if self.choices:
+            return " | ".join(self.choices)
+        if math.isinf(self.low) and math.isinf(self.high):
+            return ""
+        return f"{self.low:g} .. {self.high:g}"
+
+
+def parameter(default: Any, meaning: str, unit: str = "", **limits: Any) -> Any:
+    """A field of a section, with its `Spec`."""
+    return field(default=default, metadata={"spec": Spec(meaning=meaning, unit=unit, **limits)})
+
+
+class Section:
+    """Checks its own values, so that a section in hand is a valid one."""
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        section = re.sub(r"\B[A-Z]", r"_\g<0>", type(self).__name__.removesuffix("Params")).lower()
+        for name, spec, value in specs(self):
+            check(f"{section}.{name}", spec, value)
+
+
+def specs(section: Any) -> Iterator[tuple[str, Spec, Value]]:
+    """Name, spec and value of each parameter of a section."""
+    for entry in dataclasses.fields(section):
+        yield entry.name, entry.metadata["spec"], getattr(section, entry.name)
+
+
+def check(name: str, spec: Spec, value: Value) -> None:
+    """Refuse a value outside of the range or the choices of a parameter with `InputError`."""
+    if spec.choices and value not in spec.choices:
+        raise InputError(f"parameter {name}: {value!r} is not one of {', '.join(spec.choices)}")
+    for number in value if isinstance(value, tuple) else (value,):
+        if isinstance(number, int | float) and not (
+            math.isfinite(number) and spec.low <= number <= spec.high
+        ):
+            raise InputError(f"parameter {name}: {number:g} is not within {spec.range_text}")

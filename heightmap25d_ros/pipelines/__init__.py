@@ -1,0 +1,7 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Messages in, results out, with state over time.
+
+What a node and a command both drive. `scan_queue` joins scans with poses and mounts; `mapping`,
+`planning` and `localization` feed what it releases to the algorithms; `replay` feeds a bag.
+"""

@@ -1,0 +1,289 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Messages in, the pose of odom in the map out: what the node and ``localize`` both drive."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from heightmap25d_ros import se3
+from heightmap25d_ros.arrays import Array
+from heightmap25d_ros.grid.height_map import HeightMap
+from heightmap25d_ros.io import decode
+from heightmap25d_ros.io.decode import Odometry
+from heightmap25d_ros.localization import matching, registration
+from heightmap25d_ros.localization.pose_filter import SmoothCorrection
+from heightmap25d_ros.localization.short_term import ShortTermMaps, way_between
+from heightmap25d_ros.localization.surface import Surface, surface_of
+from heightmap25d_ros.localization.tracker import Attempt, Tracker
+from heightmap25d_ros.localization.tracking_state import State
+from heightmap25d_ros.mapping import sensor_model
+from heightmap25d_ros.params.sections import Params
+from heightmap25d_ros.pipelines.message_intake import MessageIntake
+from heightmap25d_ros.pipelines.scan_queue import Reading
+from heightmap25d_ros.pipelines.transform_buffer import JUMP_BACK_NS
+
+_STILL = 0.01  # [m/s] of way below which the robot stands; nothing is corrected then
+_LEAST_COVARIANCE = np.diag(np.square([0.01, 0.01, 0.001]))  # nobody is surer of a pose
+_AROUND = 2  # [cells] around a place that tell the height of the ground there
+
+
+def compile_kernels(params: Params) -> None:
+    """Compile, or load from numba's cache, all that the first registration needs."""
+    surface = Surface(np.zeros((4, 4), np.float32), np.zeros((4, 4), bool), (0.0, 0.0), 1.0)
+    count = registration.MIN_POINTS
+    points = matching.RegistrationPoints(
+        np.zeros((count, 3)), np.zeros(count, bool), np.ones(count)
+    )
+    registration.register(points, (2.0, 2.0), surface, 1e-4 * np.eye(3), params.registration)
+    scratch = ShortTermMaps(params)
+    beam = np.array([[0.0, 0.0, 1.0]])
+    is_hit, is_lone = np.ones(1, bool), np.zeros(1, bool)
+    beams = sensor_model.Beams(origins=beam, ends=beam + 1.0, is_hit=is_hit, is_lone=is_lone)
+    scratch.integrate(beams, np.eye(4), 0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pose:
+    """Where the robot is, as told to others.
+
+    Attributes
+    ----------
+    stamp_ns : int [ns]
+    odom_frame : str
+    T_map_odom, T_map_base : (4, 4) float64
+    covariance : (3, 3) float64
+        Of x, y [m] and yaw [rad] of the robot.
+    """
+
+    stamp_ns: int
+    odom_frame: str
+    T_map_odom: se3.Matrix
+    T_map_base: se3.Matrix
+    covariance: Array
+
+
+class Localizer:
+    """Holds the pose of the robot to a long-term map.
+
+    Each ``take_...`` takes a message in, by duck type, and returns the attempts to register that
+    it led to. A bad message is counted and changes nothing.
+
+    Parameters
+    ----------
+    params : Params
+    """
+
+    def __init__(self, params: Params) -> None:
+        self._params = params
+        self._intake = MessageIntake(params)
+        self._ignored: Counter[str] = Counter()
+        self._surface: Surface | None = None
+        self._initial_pose: tuple[Array, Array] | None = None
+        self._start_over()
+
+    def _start_over(self) -> None:
+        position, yaw = (
+            self._params.localization.initial_position,
+            self._params.localization.initial_yaw,
+        )
+        self._initial_covariance = np.diag(np.square([position, position, yaw]))
+        self._tracker = Tracker(self._params, np.eye(4), self._initial_covariance)
+        self._tracker.surface = self._surface
+        self._smooth = SmoothCorrection(self._params.localization, np.eye(4))
+        self._jumps_seen = self._tracker.jumps
+        self._odometry: Odometry | None = None
+        self._torn_ns = (0, 0)
+        self._waiting_pose = self._initial_pose
+
+    def set_params(self, params: Params) -> None:
+        """Go on with other parameters; the pose stays, and so does what was seen."""
+        self._params = params
+        self._tracker.set_params(params)
+
+    @property
+    def scan_topics(self) -> tuple[str, ...]:
+        """The topics that `take_scan` knows."""
+        return self._params.intake.scan_topics
+
+    @property
+    def dropped(self) -> Counter[str]:
+        """How many messages were not used, by reason."""
+        return self._intake.dropped + self._ignored
+
+    @property
+    def state(self) -> State:
+        """How sure the pose is."""
+        return self._tracker.health.state
+
+    @property
+    def stamp_ns(self) -> int:
+        """Of the newest odometry [ns]; 0 before the first."""
+        return 0 if self._odometry is None else self._odometry.stamp_ns
+
+    @property
+    def pose(self) -> Pose | None:
+        """Where the robot is; None before the first odometry."""
+        if self._odometry is None:
+            return None
+        return Pose(
+            stamp_ns=self._odometry.stamp_ns,
+            odom_frame=self._odometry.frame_id,
+            T_map_odom=self._smooth.T_map_odom,
+            T_map_base=self._smooth.T_map_odom @ self._odometry.T,
+            covariance=self._tracker.estimate.covariance,
+        )
+
+    def short_term_map(self) -> HeightMap | None:
+        """The short-term map that is registered next, in cells of its own in odom."""
+        short_term_map = self._tracker.short_term_map()
+        return None if short_term_map is None else short_term_map.height_map()
+
+    def set_long_term(self, height_map: HeightMap) -> None:
+        """Take the long-term map in; it may come, and be replaced, at any time."""
+        self._surface = surface_of(height_map, self._params.registration.edge_step)
+        self._tracker.surface = self._surface
+
+    def begin_at(self, xyz_yaw: Array) -> None:
+        """Where the robot is at the first odometry: x, y, z [m], yaw [rad] in the map."""
+        self._initial_pose = self._waiting_pose = (xyz_yaw, self._initial_covariance)
+
+    def request_search(self) -> bool:
+        """Search the whole map for the robot; whether there is one."""
+        if self._surface is None:
+            return False
+        self._tracker.request_search()
+        return True
+
+    def take_scan(self, topic: str, message: Any) -> list[Attempt]:
+        """Take a sensor_msgs/LaserScan of one of ``intake.scan_topics`` in."""
+        return self._track(self._intake.take_scan(topic, message))
+
+    def take_transforms(self, message: Any, *, is_static: bool) -> list[Attempt]:
+        """Take a tf2_msgs/TFMessage of /tf or of /tf_static in."""
+        return self._track(self._intake.take_transforms(message, is_static=is_static))
+
+    def take_odometry(self, message: Any) -> list[Attempt]:
+        """Take a nav_msgs/Odometry in; the pose is of its time afterwards."""
+        before = self._odometry
+        readings = self._intake.take_odometry(message)
+        odometry = self._intake.odometry
+        if odometry is None or odometry is before:
+            return self._track(readings)
+        if before is not None and odometry.stamp_ns < before.stamp_ns - JUMP_BACK_NS:
+            self._ignored["poses: clock jumped back, localization starts over"] += 1
+            self._start_over()
+            before = None
+        elif before is not None:
+            self._mend_jump(before, odometry)
+        self._odometry = odometry
+        self._tracker.move(odometry.T)
+        if self._waiting_pose is not None:
+            self._set_pose(*self._waiting_pose)
+        attempts = self._track(readings)
+        self._follow(before or odometry, odometry)
+        return attempts
+
+    def take_initial_pose(self, message: Any) -> None:
+        """Take a geometry_msgs/PoseWithCovarianceStamped in: where the robot is now.
+
+        z is taken from the long-term map where it is known there, since RViz gives none. The
+        covariance says how far around it is searched; zeros: as at the start.
+        """
+        pose = self._intake.take_pose("initialpose", message)
+        covariance = self._intake.decode("initialpose", decode.planar_covariance, message)
+        if pose is None or covariance is None:
+            return
+        x, y, z, _, _, yaw = se3.to_xyz_rpy(pose)
+        covariance = (
+            covariance + _LEAST_COVARIANCE if covariance.any() else self._initial_covariance
+        )
+        self._waiting_pose = np.array([x, y, self._ground(x, y, z), yaw]), covariance
+        if self._odometry is not None:
+            self._set_pose(*self._waiting_pose)
+
+    def take_long_term(self, message: Any) -> None:
+        """Take a heightmap25d_msgs/HeightGrid in: the long-term map."""
+        if message.header.frame_id.lstrip("/") != self._params.mapping.map_frame:
+            self._ignored[f"long_term_grid: not in {self._params.mapping.map_frame!r}"] += 1
+            return
+        height_map = self._intake.decode("long_term_grid", decode.height_map, message)
+        if height_map is not None:
+            self.set_long_term(height_map)
+
+    def flush(self) -> list[Attempt]:
+        """No more messages will come: use what is ready."""
+        return self._track(self._intake.flush())
+
+    def _set_pose(self, xyz_yaw: Array, covariance: Array) -> None:
+        assert self._odometry is not None
+        x, y, z, yaw = xyz_yaw
+        T_odom_base = self._odometry.T
+        heading = float(se3.to_xyz_rpy(T_odom_base)[5])
+        turn = se3.from_xyz_rpy([0.0, 0.0, 0.0, 0.0, 0.0, yaw - heading])
+        turn[:3, 3] = np.array([x, y, z]) - turn[:3, :3] @ T_odom_base[:3, 3]
+        self._tracker.set_pose(turn, covariance)
+        self._waiting_pose = None
+
+    def _ground(self, x: float, y: float, otherwise: float) -> float:
+        """Height [m] of the long-term map around a place."""
+        if self._surface is None:
+            return otherwise
+        left, low = self._surface.origin
+        ix, iy = (int(np.floor(d / self._surface.resolution)) for d in (x - left, y - low))
+        around = self._surface.heights[
+            max(iy - _AROUND, 0) : max(iy + _AROUND + 1, 0),
+            max(ix - _AROUND, 0) : max(ix + _AROUND + 1, 0),
+        ]
+        return otherwise if np.isnan(around).all() else float(np.nanmedian(around))
+
+    def _mend_jump(self, before: Odometry, odometry: Odometry) -> None:
+        """Where odometry jumps, the robot has not: it stays where it was in the map."""
+        way = way_between(before.T, odometry.T)
+        seconds = (odometry.stamp_ns - before.stamp_ns) * 1e-9
+        if way <= self._params.localization.max_odom_step * max(1.0, seconds):
+            return
+        self._ignored["odometry: jumped"] += 1
+        self._torn_ns = before.stamp_ns, odometry.stamp_ns
+        # Yaw and position only: roll and pitch are the new odometry's.
+        x, y, z, _, _, yaw = se3.to_xyz_rpy(self._tracker.estimate.T_map_odom @ before.T)
+        self._odometry = odometry
+        self._tracker.forget()
+        self._set_pose(
+            np.array([x, y, z, yaw]), self._tracker.estimate.covariance + self._initial_covariance
+        )
+
+    def _track(self, readings: Iterable[Reading]) -> list[Attempt]:
+        attempts = []
+        for reading in readings:
+            stamps = reading.scan.beam_stamps_ns()
+            if stamps[0] < self._torn_ns[1] and stamps[-1] > self._torn_ns[0]:
+                self._ignored["scan: while odometry jumped"] += 1
+                continue
+            beams = sensor_model.beams(
+                reading.scan,
+                reading.T_map_base,
+                reading.T_base_sensor,
+                self._params.sensor,
+                self._params.mapper.lone_return,
+            )
+            attempt = self._tracker.take(beams, reading.T_map_base[-1], reading.scan.stamp_ns)
+            if attempt is not None:
+                attempts.append(attempt)
+        return attempts
+
+    def _follow(self, before: Odometry, odometry: Odometry) -> None:
+        """Bring what is told to others nearer to the estimate."""
+        target = self._tracker.estimate.T_map_odom
+        if self._tracker.jumps != self._jumps_seen:
+            self._jumps_seen = self._tracker.jumps
+            self._smooth.T_map_odom = target
+            return
+        seconds = (odometry.stamp_ns - before.stamp_ns) * 1e-9
+        if way_between(before.T, odometry.T) > _STILL * seconds:
+            self._smooth.follow(target, odometry.T, seconds)

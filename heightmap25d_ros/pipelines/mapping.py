@@ -1,0 +1,227 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Messages in, maps out: what the mapping node and ``heightmap25d map`` both drive."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from heightmap25d_ros import se3
+from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.grid.height_grid import TILE, HeightGrid
+from heightmap25d_ros.grid.height_map import Area, HeightMap
+from heightmap25d_ros.mapping import sensor_model
+from heightmap25d_ros.mapping.mapper import Mapper
+from heightmap25d_ros.params.sections import Params
+from heightmap25d_ros.pipelines.message_intake import MessageIntake
+from heightmap25d_ros.pipelines.scan_queue import Reading
+from heightmap25d_ros.terrain.obstacle_grid import ObstacleGrid
+from heightmap25d_ros.terrain.traversability import ObstacleMap
+
+_SCRATCH_EXTENT = 32.0  # [m] of a grid that is thrown away
+
+
+def compile_kernels(params: Params) -> None:
+    """Compile, or load from numba's cache, all that the first scan and the first map need.
+
+    It takes seconds when nothing is cached: too long for a node whose messages queue up.
+    """
+    scratch = HeightGrid(replace(params.grid, extent=_SCRATCH_EXTENT))
+    beam = np.array([[0.0, 0.0, 1.0]])
+    Mapper(scratch, params.sensor, params.mapper).integrate(
+        sensor_model.Beams(
+            origins=beam, ends=beam + 1.0, is_hit=np.ones(1, bool), is_lone=np.zeros(1, bool)
+        )
+    )
+    obstacles = ObstacleGrid(scratch.geometry, params.traversability)
+    obstacles.update(scratch, params.mapper.probability_threshold)
+
+
+_BYTES_OF_CELL = 4  # height and probability
+
+
+class Size(NamedTuple):
+    """Bounding box of a map [cells], and what heights and probabilities take [bytes]."""
+
+    columns: int
+    rows: int
+    bytes: int
+
+
+class Mapping:
+    """A map in the making.
+
+    Each ``take_...`` takes a message in, by duck type, and returns the readings that it
+    completed and that were merged. A bad message is counted and changes nothing.
+
+    Parameters
+    ----------
+    params : Params
+
+    Attributes
+    ----------
+    grid : HeightGrid
+    merged : Counter of str
+        Scans and returns.
+    stamp_ns : int [ns]
+        Of the scan merged last; 0 before the first.
+    """
+
+    def __init__(self, params: Params) -> None:
+        self.merged: Counter[str] = Counter()
+        self.stamp_ns = 0
+        self._params = params
+        self._intake = MessageIntake(params)
+        self._is_lost = False
+        self._lost: Counter[str] = Counter()
+        self.clear()
+
+    def clear(self, content: HeightMap | None = None) -> None:
+        """Start a new map, empty or with a loaded map in it.
+
+        Raises
+        ------
+        ValueError
+            If the content does not fit the grid; the running map stays.
+        """
+        grid = HeightGrid(self._params.grid)
+        if content is not None:
+            grid.write(content)
+        self.grid = grid
+        self._has_begun = False
+        self._use_params()
+
+    def set_params(self, params: Params) -> None:
+        """Go on with other parameters: sensor, mapper, traversability, limits; the map stays."""
+        self._params = params
+        self._use_params()
+
+    def _use_params(self) -> None:
+        self._mapper = Mapper(self.grid, self._params.sensor, self._params.mapper)
+        self._obstacles = ObstacleGrid(self.grid.geometry, self._params.traversability)
+        self.grid.mark_changed()
+
+    @property
+    def scan_topics(self) -> tuple[str, ...]:
+        """The topics that `take_scan` knows."""
+        return self._params.intake.scan_topics
+
+    @property
+    def dropped(self) -> Counter[str]:
+        """How many messages and returns were not used, or not as they came, by reason."""
+        return self._intake.dropped + self._lost
+
+    def take_scan(self, topic: str, message: Any) -> list[Reading]:
+        """Take a sensor_msgs/LaserScan of one of ``intake.scan_topics`` in."""
+        return self._merge(self._intake.take_scan(topic, message))
+
+    def take_odometry(self, message: Any) -> list[Reading]:
+        """Take a nav_msgs/Odometry in."""
+        return self._merge(self._intake.take_odometry(message))
+
+    def take_transforms(self, message: Any, *, is_static: bool) -> list[Reading]:
+        """Take a tf2_msgs/TFMessage of /tf or of /tf_static in."""
+        return self._merge(self._intake.take_transforms(message, is_static=is_static))
+
+    def take_correction(self, message: Any) -> None:
+        """Take a geometry_msgs/PoseWithCovarianceStamped in: the pose of odom in the map."""
+        pose = self._intake.take_pose("correction", message)
+        if pose is not None:
+            self._intake.set_correction(pose)
+
+    def take_localization_status(self, message: Any) -> None:
+        """Take a heightmap25d_msgs/LocalizationStatus in: a lost robot does not map."""
+        self._is_lost = message.state == message.LOST
+
+    def settle(self) -> list[Reading]:
+        """Merge what has its poses now, without waiting for the other lasers."""
+        return self._merge(self._intake.settle())
+
+    def flush(self) -> list[Reading]:
+        """No more messages will come: merge what is ready, drop what still waits."""
+        return self._merge(self._intake.flush())
+
+    def maps(self) -> tuple[HeightMap, ObstacleMap]:
+        """Height map and converted map of all that was observed; of an unknown tile at first.
+
+        Raises
+        ------
+        InputError
+            If that is more than ``mapping.max_cells``: one wild pose stretches the map so far.
+        """
+        threshold = self._params.mapper.probability_threshold
+        area = self.grid.observed_area()
+        if not area.rows:
+            area = Area(area.iy, area.ix, TILE, TILE)
+        limit = self._params.mapping.max_cells
+        if area.rows * area.columns > limit:
+            raise InputError(
+                f"the map has {area.columns} x {area.rows} cells, more than the {limit:.0f} of "
+                "parameter mapping.max_cells; clear it, or allow more"
+            )
+        self._obstacles.update(self.grid, threshold)
+        return self.grid.read(threshold, area), self._obstacles.read(area)
+
+    def size(self) -> Size:
+        """How large the map is now."""
+        area = self.grid.observed_area()
+        ty, tx = area.iy // TILE, area.ix // TILE
+        tops = self.grid.tile_top[ty : ty + area.rows // TILE, tx : tx + area.columns // TILE]
+        cells = int(np.count_nonzero(tops)) * TILE**2
+        return Size(area.columns, area.rows, cells * _BYTES_OF_CELL)
+
+    def _merge(self, readings: list[Reading]) -> list[Reading]:
+        if self._is_lost and readings:
+            self._lost["scan: localization is lost"] += len(readings)
+            return []
+        for reading in readings:
+            if not self._has_begun:
+                self._begin(reading.T_map_base[0])
+            result = self._mapper.integrate(
+                sensor_model.beams(
+                    reading.scan,
+                    reading.T_map_base,
+                    reading.T_base_sensor,
+                    self._params.sensor,
+                    self._params.mapper.lone_return,
+                )
+            )
+            self.merged["scans"] += 1
+            self.merged["returns"] += result.hits
+            self._lost += Counter(
+                {
+                    "return: height clipped to +-327 m": result.clipped,
+                    "return: beyond grid.extent": result.outside,
+                }
+            )
+            self.stamp_ns = reading.scan.stamp_ns
+        return readings
+
+    def _begin(self, T_map_base: se3.Matrix) -> None:
+        """Put the ground that no laser sees under and around the robot into a map without any."""
+        self._has_begun = True
+        radius = self._params.mapping.start_radius
+        if radius > 0.0 and not self.grid.observed_area().rows:
+            self._mapper.integrate(_ground_around(T_map_base, radius, self._params.grid.resolution))
+
+
+def _ground_around(T_map_base: se3.Matrix, radius: float, resolution: float) -> sensor_model.Beams:
+    """The plane of base_link as returns, one in each cell with its centre within a radius [m]."""
+    position, normal = T_map_base[:3, 3], T_map_base[:3, 2]
+    side = np.arange(np.ceil(-radius / resolution), np.ceil(radius / resolution) + 1.0)
+    centre = (np.floor(position[:2] / resolution) + 0.5) * resolution
+    x, y = (axis.ravel() for axis in np.meshgrid(*(centre[:, None] + side * resolution)))
+    is_near = np.hypot(x - position[0], y - position[1]) <= radius
+    x, y = x[is_near], y[is_near]
+    z = position[2] - (normal[0] * (x - position[0]) + normal[1] * (y - position[1])) / normal[2]
+    places = np.column_stack([x, y, z])
+    return sensor_model.Beams(
+        origins=places,
+        ends=places,
+        is_hit=np.ones(len(places), bool),
+        is_lone=np.zeros(len(places), bool),
+    )

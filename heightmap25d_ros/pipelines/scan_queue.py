@@ -1,0 +1,264 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Between messages and mapper: scans wait here for their poses, and leave in order.
+
+What comes out depends on the stamps of the messages, never on wall time, and not on how the
+topics interleave on their way here (as long as nothing comes later than ``wait_limit``): the
+node and the command line make the same map from the same bag.
+"""
+
+from __future__ import annotations
+
+from bisect import insort
+from collections import Counter
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heightmap25d_ros import se3
+from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.io.decode import Odometry, Transform
+from heightmap25d_ros.mapping.sensor_model import Scan
+from heightmap25d_ros.params.sections import IntakeParams
+from heightmap25d_ros.pipelines.transform_buffer import JUMP_BACK_NS, Missing, TransformBuffer
+
+HISTORY = 30.0
+"""How long poses are kept beyond ``wait_limit`` [s], for lasers whose scans come late."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reading:
+    """A scan with its poses, ready for `sensor.beams`.
+
+    Attributes
+    ----------
+    topic : str
+    scan : Scan
+    T_map_base, T_base_sensor : (N, 4, 4) or (1, 4, 4) float64
+        At each beam's own time, or once where it is the same for all beams.
+    """
+
+    topic: str
+    scan: Scan
+    T_map_base: se3.Matrix
+    T_base_sensor: se3.Matrix
+
+
+@dataclass(frozen=True, slots=True)
+class _Waiting:
+    """A scan in the queue, which is sorted by (stamp, topic)."""
+
+    topic: str
+    scan: Scan
+    beam_stamps_ns: NDArray[np.int64]
+    last_ns: int
+
+    @property
+    def order(self) -> tuple[int, str]:
+        return self.scan.stamp_ns, self.topic
+
+
+@dataclass(frozen=True, slots=True)
+class _LookupFailure:
+    """What a scan lacks, and why."""
+
+    missing: Missing
+    of: str
+
+
+class ScanIntake:
+    """Joins scans with the poses of the robot and of the lasers at each beam's own time.
+
+    A scan is released when odometry brackets all of its beams, its mount is known, and every
+    other laser has come as far, so that scans leave in the order of (stamp, topic). A laser
+    that has been silent for ``wait_limit`` is not waited for. The odometry's stamps are the
+    clock: when they jump back (a bag that loops), all starts over.
+
+    Parameters
+    ----------
+    params : IntakeParams
+
+    Attributes
+    ----------
+    dropped : Counter of str
+        How many messages were not used, by reason.
+    odometry : Odometry or None
+        The pose of the robot that was taken last.
+    """
+
+    def __init__(self, params: IntakeParams) -> None:
+        self.dropped: Counter[str] = Counter()
+        self.odometry: Odometry | None = None
+        self._params = params
+        self._wait_limit_ns = round(params.wait_limit * 1e9)
+        history = params.wait_limit + HISTORY
+        self._odometry = TransformBuffer(max_gap=params.odom_gap, history=history)
+        self._transforms = TransformBuffer(max_gap=params.odom_gap, history=history)
+        self._fixed_mounts: dict[str, se3.Matrix] = {}
+        if params.mounts:
+            mounts = se3.from_xyz_rpy(np.reshape(params.mounts, (-1, 6)))
+            self._fixed_mounts = dict(zip(params.scan_topics, mounts[:, None], strict=True))
+        self._T_map_odom = np.eye(4)
+        self._odom_frame = ""
+        self._odom_stamp_ns = -1
+        self._waiting: list[_Waiting] = []
+        self._newest_ns: dict[str, int] = {}
+        self._released_ns: dict[str, int] = {}
+        self._given_up: set[str] = set()
+
+    def set_correction(self, T_map_odom: se3.Matrix) -> None:
+        """Pose (4, 4) of the odometry's frame in the map, for all scans released from now on."""
+        self._T_map_odom = T_map_odom
+
+    def add_scan(self, topic: str, scan: Scan) -> list[Reading]:
+        """Take a scan of one of ``scan_topics`` in; returns the readings that became ready."""
+        if topic not in self._params.scan_topics:
+            raise ValueError(f"{topic} is not one of scan_topics {self._params.scan_topics}")
+        newest = self._newest_ns.get(topic, scan.stamp_ns)
+        if scan.stamp_ns < newest - JUMP_BACK_NS:
+            self._forget_waiting([topic], after_ns=scan.stamp_ns)
+            newest = scan.stamp_ns
+        self._newest_ns[topic] = max(newest, scan.stamp_ns)
+
+        stamps = scan.beam_stamps_ns()
+        waiting = _Waiting(topic, scan, stamps, int(stamps.max()))
+        released = self._released_ns.get(topic, -1)
+        if scan.stamp_ns < released:
+            self.dropped["scan: out of order"] += 1
+        elif scan.stamp_ns == released or waiting.order in (w.order for w in self._waiting):
+            self.dropped["scan: stamp seen before"] += 1
+        else:
+            insort(self._waiting, waiting, key=lambda w: w.order)
+        return self._release()
+
+    def add_odometry(self, odometry: Odometry) -> list[Reading]:
+        """Take a pose of the robot in; returns the readings that became ready."""
+        fault = self._odometry_fault(odometry)
+        if fault:
+            self.dropped[fault] += 1
+            return []
+        stamp, frame = odometry.stamp_ns, odometry.frame_id
+        if stamp < self._odom_stamp_ns:
+            self._start_over(stamp)
+        for topic in self._params.scan_topics:
+            self._newest_ns.setdefault(topic, stamp - 1)
+        self.odometry = odometry
+        self._odom_frame, self._odom_stamp_ns = frame, stamp
+        child = odometry.child_frame_id
+        self._odometry.add([Transform(parent=frame, child=child, stamp_ns=stamp, T=odometry.T)])
+        return self._release()
+
+    def add_transforms(
+        self, transforms: Iterable[Transform], *, is_static: bool = False
+    ) -> list[Reading]:
+        """Take what came on /tf or /tf_static in; returns the readings that became ready."""
+        try:
+            self._transforms.add(transforms, is_static=is_static)
+        except InputError as error:
+            self.dropped[str(error)] += 1
+        return self._release()
+
+    def settle(self) -> list[Reading]:
+        """Returns what has its poses now, without waiting for the other lasers."""
+        return self._release(is_waiting_for_others=False)
+
+    def flush(self) -> list[Reading]:
+        """Nothing more will come: returns what is ready and counts the rest as dropped."""
+        return self._release(is_end=True)
+
+    def _odometry_fault(self, odometry: Odometry) -> str:
+        """Why a pose is not used; empty where it is."""
+        child, frame = odometry.child_frame_id, odometry.frame_id
+        if child != self._params.base_frame:
+            return f"odometry: of {child!r}, not of {self._params.base_frame!r}"
+        if self._odom_frame not in ("", frame):
+            return f"odometry: in {frame!r}, not in {self._odom_frame!r}"
+        if frame == child:
+            return f"odometry: of {child!r} in itself"
+        if odometry.stamp_ns == self._odom_stamp_ns:
+            return "odometry: stamp seen before"
+        if self._odom_stamp_ns - JUMP_BACK_NS <= odometry.stamp_ns < self._odom_stamp_ns:
+            return "odometry: out of order"
+        return ""
+
+    def _start_over(self, stamp_ns: int) -> None:
+        self.dropped["poses: clock jumped back"] += 1
+        self._forget_waiting(self._params.scan_topics, after_ns=stamp_ns)
+        self._transforms.forget_after(stamp_ns + JUMP_BACK_NS)
+        self._newest_ns = {topic: min(ns, stamp_ns - 1) for topic, ns in self._newest_ns.items()}
+        self._released_ns.clear()
+
+    def _forget_waiting(self, topics: Collection[str], *, after_ns: int) -> None:
+        """Forget the scans of before the jump; up to a second ahead may be of after it."""
+        kept: list[_Waiting] = []
+        for waiting in self._waiting:
+            if waiting.topic in topics and waiting.scan.stamp_ns > after_ns + JUMP_BACK_NS:
+                self.dropped["scan: clock jumped back"] += 1
+            else:
+                kept.append(waiting)
+        self._waiting = kept
+
+    def _release(
+        self, *, is_waiting_for_others: bool = True, is_end: bool = False
+    ) -> list[Reading]:
+        """Take out of the queue what is ready or never will be; nothing overtakes in time."""
+        readings: list[Reading] = []
+        kept: list[_Waiting] = []
+        for waiting in self._waiting:
+            is_late = is_end or self._is_late(waiting)
+            is_next = not is_waiting_for_others or self._others_have_come(waiting.scan.stamp_ns)
+            if not is_late and (kept or not is_next):
+                kept.append(waiting)
+                continue
+            outcome = self._reading(waiting)
+            if isinstance(outcome, Reading):
+                self._released_ns[waiting.topic] = waiting.scan.stamp_ns
+                readings.append(outcome)
+            elif is_late or self._is_final(outcome):
+                self._give_up(outcome)
+            else:
+                kept.append(waiting)
+        self._waiting = kept
+        return readings
+
+    def _is_late(self, waiting: _Waiting) -> bool:
+        clock = max(self._odom_stamp_ns, self._newest_ns[waiting.topic])
+        return clock > waiting.last_ns + self._wait_limit_ns
+
+    def _others_have_come(self, stamp_ns: int) -> bool:
+        """Whether each laser has come as far as a stamp, or has fallen silent."""
+        silent_before = self._odom_stamp_ns - self._wait_limit_ns
+        return all(ns >= stamp_ns or ns < silent_before for ns in self._newest_ns.values())
+
+    def _reading(self, waiting: _Waiting) -> Reading | _LookupFailure:
+        stamps, base_frame = waiting.beam_stamps_ns, self._params.base_frame
+        T_odom_base = self._odometry.lookup(self._odom_frame, base_frame, stamps)
+        if isinstance(T_odom_base, Missing):
+            return _LookupFailure(T_odom_base, "the odometry")
+        mount = self._fixed_mounts.get(waiting.topic)
+        if mount is None:
+            frame = waiting.scan.frame_id
+            looked_up = self._transforms.lookup(base_frame, frame, stamps)
+            if isinstance(looked_up, Missing):
+                return _LookupFailure(looked_up, f"the mount of {frame!r}")
+            mount = looked_up
+        return Reading(
+            topic=waiting.topic,
+            scan=waiting.scan,
+            T_map_base=self._T_map_odom @ T_odom_base,
+            T_base_sensor=mount,
+        )
+
+    def _is_final(self, lack: _LookupFailure) -> bool:
+        """Whether no message that may still come can help."""
+        if lack.missing is Missing.UNCONNECTED:
+            return lack.of in self._given_up
+        return lack.missing is not Missing.NOT_YET
+
+    def _give_up(self, lack: _LookupFailure) -> None:
+        """Count a scan as dropped; what was once waited for in vain is not waited for again."""
+        self.dropped[f"scan: {lack.missing.value} {lack.of}"] += 1
+        if lack.missing is Missing.UNCONNECTED:
+            self._given_up.add(lack.of)

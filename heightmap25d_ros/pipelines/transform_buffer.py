@@ -1,0 +1,180 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where frames are to one another, at any time that is known: a small tf2 buffer.
+
+Nothing is extrapolated, and there is no identity for want of something better: a lookup is a
+pose, or the reason why there is none.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterable, Sequence
+from enum import Enum
+from functools import reduce
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heightmap25d_ros import se3
+from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.io.decode import Transform
+
+JUMP_BACK_NS = 1_000_000_000
+"""A stamp this far [ns] before the newest one means that time started over (a bag that loops)."""
+
+
+class Missing(Enum):
+    """Why a lookup has no pose: where its stamps lie as to the poses that are known."""
+
+    UNCONNECTED = "without"
+    TOO_EARLY = "before"
+    NOT_YET = "after"
+    GAP = "in a gap of"
+
+
+class _Edge:
+    """The poses of one frame in its parent, sorted by their stamps; one for ever if static."""
+
+    __slots__ = ("is_static", "parent", "poses", "stamps")
+
+    def __init__(self, parent: str, *, is_static: bool) -> None:
+        self.parent = parent
+        self.is_static = is_static
+        self.stamps: list[int] = []
+        self.poses: list[se3.Matrix] = []
+
+    def add(self, stamp_ns: int, T: se3.Matrix, history_ns: int) -> None:
+        if self.stamps and stamp_ns < self.stamps[-1] - JUMP_BACK_NS:
+            self.stamps.clear()
+            self.poses.clear()
+        place = bisect_left(self.stamps, stamp_ns)
+        if place < len(self.stamps) and self.stamps[place] == stamp_ns:
+            return
+        self.stamps.insert(place, stamp_ns)
+        self.poses.insert(place, T)
+        outdated = bisect_left(self.stamps, self.stamps[-1] - history_ns)
+        del self.stamps[:outdated], self.poses[:outdated]
+
+    def at(self, query_ns: NDArray[np.int64], max_gap_ns: int) -> se3.Matrix | Missing:
+        if self.is_static:
+            return self.poses[0][None]
+        first, last = int(query_ns.min()), int(query_ns.max())
+        if first < self.stamps[0]:
+            return Missing.TOO_EARLY
+        if last > self.stamps[-1]:
+            return Missing.NOT_YET
+        around = slice(bisect_right(self.stamps, first) - 1, bisect_left(self.stamps, last) + 1)
+        stamps = np.array(self.stamps[around])
+        too_wide = np.diff(stamps) > max_gap_ns
+        if too_wide.any():
+            after = np.searchsorted(stamps, query_ns)
+            between = stamps[after] != query_ns
+            if too_wide[after[between] - 1].any():
+                return Missing.GAP
+        return se3.interpolate(stamps, np.stack(self.poses[around]), query_ns)
+
+
+class TransformBuffer:
+    """The recent poses of all frames to one another.
+
+    Parameters
+    ----------
+    max_gap : float [s]
+        Poses farther apart than this are not interpolated.
+    history : float [s]
+        How long poses are kept, seen from the newest one of their frame.
+    """
+
+    def __init__(self, *, max_gap: float, history: float = 30.0) -> None:
+        self._max_gap_ns = round(max_gap * 1e9)
+        self._history_ns = round(history * 1e9)
+        self._edges: dict[str, _Edge] = {}
+
+    def add(self, transforms: Iterable[Transform], *, is_static: bool = False) -> None:
+        """Take transforms in, in any order of stamps; of equal stamps the first one stays.
+
+        A frame that comes with another parent moves there and its past is forgotten. So is the
+        past of a frame whose stamps jump back by more than `JUMP_BACK_NS`.
+
+        Parameters
+        ----------
+        transforms : iterable of Transform
+        is_static : bool
+            Whether they hold for all times, as those of /tf_static.
+
+        Raises
+        ------
+        InputError
+            If a transform would close a loop; the others are taken.
+        """
+        loops = []
+        for transform in transforms:
+            edge = self._edges.get(transform.child)
+            if edge is None or edge.parent != transform.parent or is_static or edge.is_static:
+                if transform.child in self._upward(transform.parent):
+                    loops.append(transform)
+                    continue
+                edge = _Edge(transform.parent, is_static=is_static)
+                self._edges[transform.child] = edge
+            edge.add(transform.stamp_ns, transform.T, self._history_ns)
+        if loops:
+            raise InputError(f"transform {loops[0].parent} -> {loops[0].child}: closes a loop")
+
+    def forget_after(self, stamp_ns: int) -> None:
+        """Forget the frames that move and reach beyond a stamp: time started over there."""
+        self._edges = {
+            child: edge
+            for child, edge in self._edges.items()
+            if edge.is_static or edge.stamps[-1] <= stamp_ns
+        }
+
+    def lookup(
+        self, target: str, source: str, stamps_ns: NDArray[np.int64]
+    ) -> se3.Matrix | Missing:
+        """Pose of the source frame in the target frame at each stamp.
+
+        Parameters
+        ----------
+        target, source : str
+        stamps_ns : (N,) int64 [ns]
+
+        Returns
+        -------
+        (N, 4, 4) float64, or (1, 4, 4) where nothing moves, or Missing
+            A `Missing` that time can mend (`NOT_YET`) only where none is final.
+        """
+        above_source, above_target = self._upward(source), self._upward(target)
+        common = next((frame for frame in above_source if frame in above_target), None)
+        if common is None:
+            return Missing.UNCONNECTED
+        T_common_source = self._down_to(above_source, common, stamps_ns)
+        T_common_target = self._down_to(above_target, common, stamps_ns)
+        if isinstance(T_common_source, Missing) or isinstance(T_common_target, Missing):
+            return _final_first([T_common_source, T_common_target])
+        if target == common:
+            return T_common_source
+        return np.asarray(se3.inverse(T_common_target) @ T_common_source)
+
+    def _upward(self, frame: str) -> list[str]:
+        """A frame, its parent, and so on to the root."""
+        frames = [frame]
+        while frames[-1] in self._edges:
+            frames.append(self._edges[frames[-1]].parent)
+        return frames
+
+    def _down_to(
+        self, frames: list[str], ancestor: str, stamps_ns: NDArray[np.int64]
+    ) -> se3.Matrix | Missing:
+        """Pose of the first of the frames, which lead upward, in one of its ancestors."""
+        downward = reversed(frames[: frames.index(ancestor)])
+        outcomes = [self._edges[frame].at(stamps_ns, self._max_gap_ns) for frame in downward]
+        poses = [T for T in outcomes if not isinstance(T, Missing)]
+        if len(poses) < len(outcomes):
+            return _final_first(outcomes)
+        return reduce(np.matmul, poses) if poses else np.eye(4)[None]
+
+
+def _final_first(outcomes: Sequence[se3.Matrix | Missing]) -> Missing:
+    missing = [outcome for outcome in outcomes if isinstance(outcome, Missing)]
+    return next((reason for reason in missing if reason is not Missing.NOT_YET), missing[0])

@@ -1,0 +1,176 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Terrain as a graph: where the robot's middle may be, and what each transition costs."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from heightmap25d_ros.arrays import Array
+from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, Area, Geometry, HeightMap
+from heightmap25d_ros.params.sections import PlannerParams, TraversabilityParams
+from heightmap25d_ros.planning.collision import closeness, collision_free
+from heightmap25d_ros.planning.transition_costs import Weights, incoming_costs, line_cost
+from heightmap25d_ros.terrain.gap_filling import fill_gaps
+from heightmap25d_ros.terrain.steps import cropped
+from heightmap25d_ros.terrain.traversability import OCCUPIED, analyse_ground, to_obstacle_map
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TransitionGraph:
+    """Terrain as a planner sees it.
+
+    Attributes
+    ----------
+    geometry : Geometry
+    height : (rows, columns) float32 [m]
+        Of the ground; where it is unknown, that of the nearest known cell.
+    gradient : (2, rows, columns) float32
+        Of the ground under the footprint, along x and y, as tangents.
+    weight : (rows, columns) float32
+        f of the formula of `transition_costs`.
+    occupied : (rows, columns) bool
+        Cells that no part of the robot may be over.
+    forbidden : (rows, columns) bool
+        Unknown cells, where these are forbidden.
+    enterable : (rows, columns) bool
+        Cells over whose centre the robot's middle may be.
+    blocked : (rows, columns) uint8
+        Bit k: the transition to ``NEIGHBOURS[k]`` is too high a step.
+    slope_weights : (3,) float
+        Of climbing, descending and cross slopes.
+    incoming : (rows + 2, columns + 2, 8) uint16
+        What transitions cost, for `search.cost_to_go`.
+    """
+
+    geometry: Geometry
+    height: NDArray[np.float32]
+    gradient: NDArray[np.float32]
+    weight: NDArray[np.float32]
+    occupied: NDArray[np.bool_]
+    forbidden: NDArray[np.bool_]
+    enterable: NDArray[np.bool_]
+    blocked: NDArray[np.uint8]
+    slope_weights: Weights
+    incoming: NDArray[np.uint16]
+
+    @property
+    def area(self) -> Area:
+        """All of its cells."""
+        return Area(0, 0, *self.geometry.shape)
+
+    def with_part(
+        self,
+        area: Area,
+        *,
+        enterable: NDArray[np.bool_],
+        occupied: NDArray[np.bool_] | None = None,
+        forbidden: NDArray[np.bool_] | None = None,
+        blocked: NDArray[np.uint8] | None = None,
+    ) -> TransitionGraph:
+        """The same terrain with another part in place of an area; the costs there follow.
+
+        Parameters
+        ----------
+        area : Area
+            Within the graph's.
+        enterable, occupied, forbidden, blocked : (area.rows, area.columns)
+            What is left out stays.
+        """
+        changed = {"enterable": enterable, "occupied": occupied, "forbidden": forbidden}
+        arrays: dict[str, Any] = {"incoming": self.incoming.copy()}
+        for name, part in {**changed, "blocked": blocked}.items():
+            if part is not None:
+                arrays[name] = getattr(self, name).copy()
+                arrays[name][area.slices(self.area)] = part
+        result = replace(self, **arrays)
+        affected = area.grown(1).within(self.area)
+        window = affected.grown(1).within(self.area)
+        here = window.slices(self.area)
+        costs = incoming_costs(
+            result.enterable[here],
+            result.blocked[here],
+            result.gradient[(slice(None), *here)],
+            result.weight[here],
+            result.slope_weights,
+        )[1:-1, 1:-1]
+        inner = arrays["incoming"][1:-1, 1:-1]
+        inner[affected.slices(self.area)] = costs[affected.slices(window)]
+        return result
+
+    def line_cost(self, start: Array, end: Array) -> float:
+        """Cost of a straight line, in cells of flat ground; negative where it is not open.
+
+        Parameters
+        ----------
+        start, end : (2,) float64 [cells]
+            As (y, x), within the map.
+        """
+        terrain = self.enterable, self.blocked, self.gradient, self.weight, self.slope_weights
+        return float(line_cost(terrain, *start, *end))
+
+
+def transition_graph(
+    height_map: HeightMap, terrain: TraversabilityParams, params: PlannerParams
+) -> TransitionGraph:
+    """The graph of a dense map.
+
+    Raises
+    ------
+    InputError
+        If the robot's radius is more than 100 cells.
+    """
+    resolution = height_map.geometry.resolution
+    filled = fill_gaps(height_map, params.max_gap)
+    ground = analyse_ground(filled, terrain)
+    obstacles = to_obstacle_map(filled, terrain, ground)
+    is_unknown = ~filled.known
+    is_occupied = obstacles.occupancy == OCCUPIED
+    is_forbidden = is_unknown if params.unknown == "forbid" else np.zeros_like(is_unknown)
+    # Beyond the map all is unknown.
+    margin = math.ceil(params.unknown_margin / resolution) + 1
+    enterable = cropped(
+        collision_free(
+            np.pad(is_occupied, margin),
+            np.pad(is_forbidden, margin, constant_values=params.unknown == "forbid"),
+            (terrain, params),
+            resolution,
+        ),
+        margin,
+    )
+    near = closeness(is_occupied | is_forbidden, terrain.robot_radius, params.clearance, resolution)
+    max_roughness = terrain.max_roughness / HEIGHT_RESOLUTION
+    weight = 1.0 + params.roughness_weight * np.minimum(ground.roughness / max_roughness, 1.0)
+    weight += params.clearance_weight * near
+    weight += params.unknown_weight * is_unknown
+    weight = weight.astype(np.float32)
+    gradient = ground.gradient * np.float32(HEIGHT_RESOLUTION / resolution)
+    slope_weights = (params.climb_weight, params.descent_weight, params.cross_slope_weight)
+    return TransitionGraph(
+        geometry=height_map.geometry,
+        height=_continued(filled),
+        gradient=gradient,
+        weight=weight,
+        occupied=is_occupied,
+        forbidden=is_forbidden,
+        enterable=enterable,
+        blocked=ground.blocked,
+        slope_weights=slope_weights,
+        incoming=incoming_costs(enterable, ground.blocked, gradient, weight, slope_weights),
+    )
+
+
+def _continued(height_map: HeightMap) -> NDArray[np.float32]:
+    """(rows, columns) [m]: heights, everywhere; where unknown, of the nearest known cell."""
+    height = height_map.height * np.float32(HEIGHT_RESOLUTION)
+    known = height_map.known
+    if known.all() or not known.any():
+        return height
+    nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+    return np.asarray(height[tuple(nearest)])

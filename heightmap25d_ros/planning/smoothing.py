@@ -1,0 +1,185 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Cells become a path that a robot can follow: pulled straight, rounded, checked.
+
+Array (y, x) are in cells: cell (iy, ix) covers [iy, iy + 1) x [ix, ix + 1).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heightmap25d_ros.arrays import Array
+from heightmap25d_ros.planning.graph import TransitionGraph
+from heightmap25d_ros.planning.search import STRAIGHT, CostToGo
+
+SPACING = 0.1
+"""Between poses of a path [m], at the most."""
+
+_ROUNDING = 0.8
+"""How far before a corner its rounding may begin [m]."""
+
+_LEAST_TURN = math.radians(3.0)
+"""Corners that turn less are not rounded."""
+
+_SLACK = 1.005
+"""What a straight line may cost, of what the cells that it replaces do: these are noisy."""
+
+_TURN_STEP = math.radians(10.0)
+"""Between the headings that are checked where the robot turns on the spot."""
+
+
+def string_pull(graph: TransitionGraph, field: CostToGo, cells: NDArray[np.int64]) -> Array:
+    """The vertices of an any-angle path along cells, to 0.5 % no more expensive than they are.
+
+    From each vertex the line goes to the farthest cell of the way to which it crosses open
+    transitions between enterable cells only (all that it touches, corners included) and to which
+    it costs no more than the way.
+
+    Parameters
+    ----------
+    graph : TransitionGraph
+    field : CostToGo
+        In which the cells are a way.
+    cells : (N, 2) int64
+
+    Returns
+    -------
+    (M, 2) float64 [cells]
+        Centres of some of the cells, the first and the last one among them.
+    """
+    centers = cells + 0.5
+    remaining = field.remaining[cells[:, 0] + 1, cells[:, 1] + 1].astype(np.float64) / STRAIGHT
+
+    def is_as_good(first: int, last: int) -> bool:
+        cost = graph.line_cost(centers[first], centers[last])
+        return cost >= 0.0 and cost <= _SLACK * (remaining[first] - remaining[last])
+
+    vertices = [0]
+    while vertices[-1] < len(cells) - 1:
+        first, stride = vertices[-1], 2
+        good = first + 1  # a transition is a line
+        while first + stride < len(cells) and is_as_good(first, first + stride):
+            good, stride = first + stride, 2 * stride
+        bad = min(first + stride, len(cells))
+        while bad - good > 1:
+            middle = (good + bad) // 2
+            good, bad = (middle, bad) if is_as_good(first, middle) else (good, middle)
+        vertices.append(good)
+    return np.asarray(centers[vertices])
+
+
+def round_corners(graph: TransitionGraph, vertices: Array) -> Array:
+    """The polyline with its corners rounded by parabolas, as far as there is room.
+
+    Parameters
+    ----------
+    graph : TransitionGraph
+    vertices : (N, 2) float64 [cells]
+
+    Returns
+    -------
+    (M, 2) float64 [cells]
+        Begins and ends as the polyline does.
+    """
+    reach = _ROUNDING / graph.geometry.resolution
+    points = [vertices[0]]
+    for before, corner, after in zip(vertices, vertices[1:], vertices[2:], strict=False):
+        arms = before - corner, after - corner
+        lengths = [math.hypot(*arm) for arm in arms]
+        curve = corner[None]
+        if min(lengths) > 0.0 and _turn(*arms) > _LEAST_TURN:
+            cut = min(reach, *(0.5 * length for length in lengths))
+            curve = _rounded(
+                graph, points[-1], corner, [a / n for a, n in zip(arms, lengths, strict=True)], cut
+            )
+        points.extend(curve)
+    points.append(vertices[-1])
+    return np.array(points)
+
+
+def _turn(before: Array, after: Array) -> float:
+    """Angle [rad] by which a corner with these arms turns."""
+    cross = before[0] * after[1] - before[1] * after[0]
+    return math.pi - abs(math.atan2(cross, float(before @ after)))
+
+
+def _rounded(
+    graph: TransitionGraph, previous: Array, corner: Array, arms: list[Array], cut: float
+) -> Array:
+    """The widest of some parabolas at a corner that stays on open transitions, or the corner."""
+    for _ in range(4):
+        ends = [corner + cut * arm for arm in arms]
+        count = max(3, math.ceil(2.0 * cut * graph.geometry.resolution / SPACING) + 1)
+        t = np.linspace(0.0, 1.0, count)[:, None]
+        curve = (1 - t) ** 2 * ends[0] + 2 * t * (1 - t) * corner + t**2 * ends[1]
+        line = np.vstack([previous, curve])
+        if all(graph.line_cost(p, q) >= 0.0 for p, q in itertools.pairwise(line)):
+            return np.asarray(curve)
+        cut *= 0.5
+    return corner[None]
+
+
+def sampled(points: Array, spacing: float) -> Array:
+    """A polyline (N, 2) with more points on it: none farther apart than the spacing.
+
+    A point that repeats the one before it is left out; of two points at least one stays.
+    """
+    steps = np.hypot(*np.diff(points, axis=0).T)
+    parts = [points[:1]]
+    for start, end, length in zip(points, points[1:], steps, strict=False):
+        if length > 1e-9:
+            fractions = np.linspace(0.0, 1.0, math.ceil(length / spacing - 1e-9) + 1)[1:, None]
+            parts.append(start + fractions * (end - start))
+    return np.concatenate(parts)
+
+
+def headings(points: Array, first: float | None, last: float | None) -> Array:
+    """(N,) [rad]: where the robot looks at each point of a path: along the line that follows.
+
+    Parameters
+    ----------
+    points : (N, 2) float64
+        (y, x), N at least 1.
+    first, last : float [rad], optional
+        In place of what the path's direction says at its ends.
+    """
+    steps = np.diff(points, axis=0)
+    along = np.arctan2(steps[:, 0], steps[:, 1])
+    result = np.append(along, along[-1:]) if len(along) else np.zeros(1)
+    if first is not None:
+        result[0] = first
+    if last is not None:
+        result[-1] = last
+    return result
+
+
+def swept(points: Array, heading: Array) -> NDArray[np.float64]:
+    """Poses (M, 3) as y, x, heading that the robot passes along a path: finely, turns included.
+
+    At each point it turns on the spot, the shorter way, from the direction in which it came to
+    the point's heading, and then to the direction in which it goes.
+
+    Parameters
+    ----------
+    points : (N, 2) float64
+    heading : (N,) float64 [rad]
+    """
+    steps = np.diff(points, axis=0)
+    along = np.arctan2(steps[:, 0], steps[:, 1])
+    poses: list[tuple[float, float, float]] = []
+    for i, (y, x) in enumerate(points):
+        looks = [*along[i - 1 : i][: i > 0], heading[i], *along[i : i + 1]]
+        for before, after in itertools.pairwise(looks):
+            turn = math.remainder(after - before, 2.0 * math.pi)
+            count = math.ceil(abs(turn) / _TURN_STEP)
+            poses.extend((y, x, before + turn * k / count) for k in range(count))
+        poses.append((y, x, looks[-1]))
+        if i < len(along):
+            middle = 0.5 * (points[i] + points[i + 1])
+            poses.append((middle[0], middle[1], along[i]))
+    return np.array(poses)

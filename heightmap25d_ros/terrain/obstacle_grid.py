@@ -1,0 +1,113 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Heights become transitions, obstacles and cost.
+
+- A *transition* between known 8-neighbours is blocked when their heights differ by more than
+  ``max_step``, up or down.
+- A known cell is *occupied* when it is the upper end of a blocked transition (a wall takes its
+  own cells, a cliff its rim), or when the ground under a footprint centred on it is steeper than
+  ``max_slope``.
+- The *cost* of a free cell is the largest of three shares: the largest step to a neighbour in
+  ``max_step``, the gradient under the footprint in that of ``max_slope``, the roughness there in
+  ``max_roughness``. Cells within ``robot_radius`` of an occupied one are inflated: a robot with
+  its centre there touches it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heightmap25d_ros.grid.height_grid import TILE, HeightGrid, TiledArray
+from heightmap25d_ros.grid.height_map import Area, Geometry
+from heightmap25d_ros.params.sections import TraversabilityParams
+from heightmap25d_ros.terrain.traversability import (
+    OCCUPIED,
+    ObstacleMap,
+    covering_disc,
+    to_obstacle_map,
+)
+
+BLOCK = 16
+"""Side [tiles] of the squares that are converted at a time."""
+
+
+class ObstacleGrid:
+    """The obstacles of a `HeightGrid`, converted again where it changed.
+
+    At all times after an update it holds what `convert` makes of all that was observed. Like
+    the height grid it takes memory only where cells were observed.
+
+    Parameters
+    ----------
+    geometry : Geometry
+        The height grid's.
+    params : TraversabilityParams
+
+    Raises
+    ------
+    InputError
+        If the robot's radius is more than 100 cells.
+    """
+
+    def __init__(self, geometry: Geometry, params: TraversabilityParams) -> None:
+        self._geometry = geometry
+        self._params = params
+        radius = covering_disc(params, geometry.resolution).radius
+        self._influence = radius + max(radius, 1)  # inflation, and what makes a cell occupied
+        tiles = geometry.shape[0] // TILE, geometry.shape[1] // TILE
+        # A cost is stored plus 1: what was never written is unknown.
+        self._cost = TiledArray(tiles, np.int8)
+        self._blocked = TiledArray(tiles, np.uint8)
+
+    def update(self, grid: HeightGrid, probability_threshold: float) -> NDArray[np.int64]:
+        """Convert again what the changes of the grid since the last time can have changed.
+
+        Returns
+        -------
+        (K, 2) int64
+            Tiles (ty, tx) that were converted.
+        """
+        tiles = self._influenced(grid.take_changed(), grid)
+        for area in _areas(tiles):
+            window = area.grown(self._influence)
+            converted = to_obstacle_map(grid.read(probability_threshold, window), self._params)
+            inside = area.slices(window)
+            self._cost.write(area, converted.cost[inside] + np.int8(1))
+            self._blocked.write(area, converted.blocked[inside])
+        return tiles
+
+    def read(self, area: Area) -> ObstacleMap:
+        """Dense copy of an area; unknown outside of the grid."""
+        cost = self._cost.read(area) - np.int8(1)
+        return ObstacleMap(
+            geometry=self._geometry.part(area),
+            occupancy=np.where(cost == OCCUPIED, cost, np.minimum(cost, np.int8(0))),
+            cost=cost,
+            blocked=self._blocked.read(area),
+        )
+
+    def _influenced(self, changed: NDArray[np.int64], grid: HeightGrid) -> NDArray[np.int64]:
+        """Changed tiles, and the observed ones that are near enough; in the order of rows."""
+        reach = -(-self._influence // TILE)
+        offsets = np.indices((2 * reach + 1, 2 * reach + 1)).reshape(2, 1, -1) - reach
+        around = (changed.T[:, :, None] + offsets).reshape(2, -1)
+        shape = grid.tile_top.shape
+        ty, tx = around[:, ((around >= 0) & np.less(around.T, shape).T).all(axis=0)]
+        observed = grid.tile_top[ty, tx] > 0
+        near = np.ravel_multi_index((ty[observed], tx[observed]), shape)
+        tiles = np.union1d(near, np.ravel_multi_index(tuple(changed.T), shape))
+        return np.column_stack(np.unravel_index(tiles, shape))
+
+
+def _areas(tiles: NDArray[np.int64]) -> Iterator[Area]:
+    """Areas that cover the tiles: in every square of `BLOCK` tiles the smallest rectangle."""
+    blocks = tiles // BLOCK
+    order = np.lexsort((blocks[:, 1], blocks[:, 0]))
+    new = np.diff(blocks[order], axis=0).any(axis=1)
+    for group in np.split(tiles[order], np.flatnonzero(new) + 1):
+        if len(group):
+            first, sides = group.min(axis=0), np.ptp(group, axis=0) + 1
+            yield Area(*(int(number) * TILE for number in (*first, *sides)))

@@ -1,0 +1,125 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The faces of a height map's blocks as a viewer sees them, as Fig. 2(c) of the paper."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heightmap25d_ros.grid.height_map import PROBABILITY_SCALE, Geometry, HeightMap
+
+_SHADE_TOP, _SHADE_SIDE_X, _SHADE_SIDE_Y = 1.0, 0.72, 0.55
+_SHADE_CHECKERED = 0.93
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Faces:
+    """Upright and level rectangles, those farther from the viewer first.
+
+    Attributes
+    ----------
+    corners : (N, 4, 3) float64 [m], map
+    height : (N,) float64 [m]
+        Of the cell that a face belongs to.
+    shade : (N,) float64, 0 .. 1
+        Brightness: by the face's direction, and checkered, so that neighbours are told apart.
+    """
+
+    corners: NDArray[np.float64]
+    height: NDArray[np.float64]
+    shade: NDArray[np.float64]
+
+
+def faces(geometry: Geometry, metres: NDArray[np.float64], azimuth: float) -> Faces:
+    """Faces of all cells, each a block from its height down to its lowest neighbour.
+
+    Of two cells the one in the nearer row, or in the same row in the nearer column, is never
+    behind the other. So the order of rows and columns is the painter's order: what is drawn
+    later may cover what was drawn before, never the other way round.
+
+    Parameters
+    ----------
+    geometry : Geometry
+    metres : (rows, columns) float64 [m]
+        Heights, NaN where unknown.
+    azimuth : float [rad]
+        Direction from the map to the viewer, who looks from above and from far away.
+    """
+    step_x, step_y = (1 if toward > 0.0 else -1 for toward in (np.cos(azimuth), np.sin(azimuth)))
+    # From here on, the next row and the next column are nearer to the viewer.
+    top = metres[::step_y, ::step_x]
+    corner_x, corner_y = (
+        geometry.origin[axis] + geometry.resolution * np.arange(geometry.shape[1 - axis])
+        for axis in (0, 1)
+    )
+    x0, y0 = (grid[::step_y, ::step_x] for grid in np.meshgrid(corner_x, corner_y))
+    x1, y1 = x0 + geometry.resolution, y0 + geometry.resolution
+    near_x, near_y = (x1 if step_x > 0 else x0), (y1 if step_y > 0 else y0)
+
+    around = np.pad(np.where(np.isnan(top), np.inf, top), 1, constant_values=np.inf)
+    windows = np.lib.stride_tricks.sliding_window_view(around, (3, 3))
+    bottom = windows.min(axis=(2, 3))
+    side_x, side_y = (
+        (bottom < top) & (np.isinf(beside) | (beside < top))
+        for beside in (windows[:, :, 1, 2], windows[:, :, 2, 1])
+    )
+    quads = np.stack([
+        _quad((near_x, y0, bottom), (near_x, y1, bottom), (near_x, y1, top), (near_x, y0, top)),
+        _quad((x0, near_y, bottom), (x1, near_y, bottom), (x1, near_y, top), (x0, near_y, top)),
+        _quad((x0, y0, top), (x1, y0, top), (x1, y1, top), (x0, y1, top)),
+    ], axis=2)  # fmt: skip
+    visible = np.stack([side_x, side_y, ~np.isnan(top)], axis=2)
+    checkered = np.where(np.indices(top.shape).sum(axis=0) % 2, _SHADE_CHECKERED, 1.0)
+    shade = checkered[..., None] * (_SHADE_SIDE_X, _SHADE_SIDE_Y, _SHADE_TOP)
+    height = np.broadcast_to(top[..., None], visible.shape)
+    return Faces(corners=quads[visible], height=height[visible], shade=shade[visible])
+
+
+def all_faces(geometry: Geometry, metres: NDArray[np.float64]) -> Faces:
+    """The faces as of `faces` for viewers on any side, in no order.
+
+    LocalCells from outside, the corners of each go round against the clock.
+    """
+    parts = []
+    for azimuth, side in ((np.pi / 4, 1.0), (-3 * np.pi / 4, -1.0)):
+        seen = faces(geometry, metres, azimuth)
+        normal = np.cross(
+            seen.corners[:, 1] - seen.corners[:, 0], seen.corners[:, 2] - seen.corners[:, 1]
+        )
+        is_new = (normal[:, 2] == 0.0) | (side > 0.0)  # tops are the same from both sides
+        points_in = normal[:, :2].sum(axis=1) * side < 0.0
+        corners = np.where(points_in[:, None, None], seen.corners[:, ::-1], seen.corners)
+        parts.append((corners[is_new], seen.height[is_new], seen.shade[is_new]))
+    corners, height, shade = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    return Faces(corners=corners, height=height, shade=shade)
+
+
+def coarser(shown: HeightMap, max_cells: int) -> HeightMap:
+    """The map in at most so many, larger cells, each as high as the highest known one in it."""
+    rows, columns = shown.geometry.shape
+    factor = 1
+    while -(-rows // factor) * -(-columns // factor) > max_cells:
+        factor += 1
+    if factor == 1:
+        return shown
+    fill = ((0, -rows % factor), (0, -columns % factor))
+    lowest = np.iinfo(np.int16).min
+    height = np.pad(np.where(shown.known, shown.height, lowest), fill, constant_values=lowest)
+    shape = height.shape[0] // factor, height.shape[1] // factor
+    merged = height.reshape(shape[0], factor, shape[1], factor).max(axis=(1, 3))
+    return HeightMap(
+        geometry=Geometry(
+            resolution=shown.geometry.resolution * factor, origin=shown.geometry.origin, shape=shape
+        ),
+        height=merged,
+        probability=np.where(merged > lowest, np.uint16(PROBABILITY_SCALE), np.uint16(0)),
+        probability_threshold=shown.probability_threshold,
+    )
+
+
+def _quad(*corners: tuple[NDArray[np.float64], ...]) -> NDArray[np.float64]:
+    """(rows, columns, 4, 3) of four corners, each x, y, z."""
+    return np.stack([np.stack(corner, axis=-1) for corner in corners], axis=2)

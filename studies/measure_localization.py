@@ -1,0 +1,352 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The tables of docs/localization.md: laps, corrected and not; kidnapped robots; real data.
+
+Usage: python studies/measure_localization.py [--bags DIR] [--fr079 BAG] [--only SECTION ...]
+
+Simulated drives; long-term maps are of other drives through the same worlds. With --bags,
+recordings that are in DIR/WORLD_SEED_DRIVE are taken and the others made there; without, all are
+made anew and thrown away. Markdown to the terminal.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import dataclasses
+import io
+import tempfile
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import chi2
+
+from heightmap25d_ros import se3
+from heightmap25d_ros.evaluation import trajectory_error
+from heightmap25d_ros.grid.height_map import HeightMap
+from heightmap25d_ros.io import decode
+from heightmap25d_ros.io.bag import Bag, Event
+from heightmap25d_ros.localization.tracker import Attempt, Kind
+from heightmap25d_ros.localization.tracking_state import State
+from heightmap25d_ros.params.by_name import with_values
+from heightmap25d_ros.params.sections import Params
+from heightmap25d_ros.pipelines.localization import Localizer
+from heightmap25d_ros.pipelines.mapping import Mapping
+from heightmap25d_ros.simulation import recording
+
+WORLDS = ("room", "ramp", "rough", "street")
+SEEDS = (1, 2, 3, 4)
+SCANS = ("/scan", "/scan_down")
+PARAMS = with_values(Params(), {"intake.scan_topics": list(SCANS)})
+PAPER = with_values(PARAMS, {"registration.method": "paper"})
+KIDNAPPED = 50  # of each world
+SEARCH_WAY = 6.0  # [m] that a kidnapped robot drives at most
+RIGHT = 0.25, 5.0  # [m, deg] within which it is found
+FR079 = {  # raw wheels: the heading is off by degrees at each turn; scans are 0.2 s apart
+    "intake.scan_topics": ["/scan"],
+    "intake.odom_gap": 3.0,
+    "localization.position_drift": 0.1,
+    "localization.yaw_drift": 0.05,
+}
+
+
+@dataclasses.dataclass
+class Run:
+    """A drive that was localized."""
+
+    stamps: list[int]
+    told: list[se3.Matrix]
+    odometry: list[se3.Matrix]
+    covariances: list[np.ndarray]
+    attempts: list[Attempt]
+    state: State
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--bags", type=Path, metavar="DIR", help="where recordings are, or go to")
+    parser.add_argument("--fr079", type=Path, metavar="BAG", help="the log of Freiburg 079")
+    sections = ("laps", "corrected", "kidnapped", "fr079")
+    parser.add_argument("--only", nargs="+", choices=sections, default=sections)
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as scratch:
+        bags = options.bags or Path(scratch)
+        if "laps" in options.only:
+            print("\n".join(laps(bags)), flush=True)
+        if "corrected" in options.only:
+            print("\n".join(on_corrected_maps(bags)), flush=True)
+        if "kidnapped" in options.only:
+            print("\n".join(kidnapped(bags)), flush=True)
+        if "fr079" in options.only and options.fr079:
+            print("\n".join(freiburg(options.fr079)), flush=True)
+
+
+def events_of(bags: Path, world: str, seed: int, drive: int) -> list[Event]:
+    path = bags / f"{world}_{seed}_{drive}"
+    if not path.exists():
+        recording.simulate(world, seed, path, drive=drive)
+    with Bag(path) as bag:
+        return list(bag.events([*SCANS, "/odom", "/ground_truth", "/tf_static"]))
+
+
+def mapped(events: Sequence[Event], odom_topic: str, params: Params = PARAMS) -> HeightMap:
+    """A map with the poses of a topic."""
+    mapping = Mapping(params)
+    for event in events:
+        if event.topic in params.intake.scan_topics:
+            mapping.take_scan(event.topic, event.message)
+        elif event.topic == odom_topic:
+            mapping.take_odometry(event.message)
+        elif event.topic == "/tf_static":
+            mapping.take_transforms(event.message, is_static=True)
+    mapping.flush()
+    return mapping.maps()[0]
+
+
+def localized(events: Sequence[Event], localizer: Localizer) -> Run:
+    run = Run([], [], [], [], [], State.DEGRADED)
+    for event in events:
+        if event.topic in localizer.scan_topics:
+            run.attempts += localizer.take_scan(event.topic, event.message)
+        elif event.topic == "/tf_static":
+            run.attempts += localizer.take_transforms(event.message, is_static=True)
+        elif event.topic == "/odom":
+            run.attempts += localizer.take_odometry(event.message)
+            pose = localizer.pose
+            assert pose is not None
+            run.stamps.append(pose.stamp_ns)
+            run.told.append(pose.T_map_base)
+            run.odometry.append(se3.inverse(pose.T_map_odom) @ pose.T_map_base)
+            run.covariances.append(pose.covariance)
+    run.state = localizer.state
+    return run
+
+
+def truth_of(events: Sequence[Event]) -> tuple[np.ndarray, se3.Matrix]:
+    poses = [decode.odometry(e.message) for e in events if e.topic == "/ground_truth"]
+    return np.array([p.stamp_ns for p in poses]), np.array([p.T for p in poses])
+
+
+def error_of(run: Run, poses: Sequence[se3.Matrix], truth: tuple[np.ndarray, se3.Matrix]):
+    return trajectory_error.evaluate_trajectory(np.array(run.stamps), np.array(poses), *truth)
+
+
+def normalised(run: Run, truth: tuple[np.ndarray, se3.Matrix]) -> np.ndarray:
+    """Squared errors of x, y, yaw over their covariance, one a second once it tracks."""
+    stamps = np.array(run.stamps)
+    true = se3.interpolate(*truth, np.clip(stamps, truth[0][0], truth[0][-1]))
+    error = se3.to_xyz_rpy(np.array(run.told)) - se3.to_xyz_rpy(true)
+    error = error[:, [0, 1, 5]]
+    error[:, 2] = np.angle(np.exp(1j * error[:, 2]))
+    chosen = np.arange(100, len(stamps), 50)
+    return np.array([error[k] @ np.linalg.solve(run.covariances[k], error[k]) for k in chosen])
+
+
+def laps(bags: Path) -> Iterator[str]:
+    """Tables of the drives."""
+    yield (
+        "| drive | odometry alone: end | corrected: end | RMSE | largest | yaw RMSE | z RMSE | "
+        "accepted | NEES / 3 |"
+    )
+    yield "|---|---|---|---|---|---|---|---|---|"
+    squares: dict[str, list[np.ndarray]] = {}
+    for world in WORLDS:
+        for seed in SEEDS:
+            events, truth, long_term = material(bags, world, seed)
+            for name, params in (("default", PARAMS), ("paper", PAPER)):
+                if name == "paper" and world != "room":
+                    continue
+                localizer = Localizer(params)
+                localizer.set_long_term(long_term)
+                run = localized(events, localizer)
+                nees = normalised(run, truth)
+                if name == "default":
+                    squares.setdefault(world, []).append(nees)
+                label = f"`{world}` {seed}" + (", `method: paper`" if name == "paper" else "")
+                yield row(label, run, truth, nees)
+    for world, drives in squares.items():
+        mean, count = np.mean([nees.mean() for nees in drives]), len(drives)
+        low, high = chi2.ppf([0.025, 0.975], 3 * count) / count
+        yield (
+            f"\nNEES of `{world}`, mean of {count} drives: {mean:.2f}; for {count} independent "
+            f"errors 95 % lie within {low:.2f} .. {high:.2f}"
+        )
+
+
+def material(bags: Path, world: str, seed: int):
+    """Events and truth of drive 0, and the long-term map of drive 1."""
+    long_term = mapped(events_of(bags, world, seed, 1), "/ground_truth")
+    events = events_of(bags, world, seed, 0)
+    return events, truth_of(events), long_term
+
+
+def row(label: str, run: Run, truth: tuple[np.ndarray, se3.Matrix], nees: np.ndarray) -> str:
+    error, alone = error_of(run, run.told, truth), error_of(run, run.odometry, truth)
+    accepted = sum(attempt.registration.is_accepted for attempt in run.attempts)
+    return (
+        f"| {label} | {alone.final_position:.3f} m, {alone.final_yaw:.2f} deg "
+        f"| {error.final_position:.3f} m, {error.final_yaw:.2f} deg | {error.planar_rmse:.3f} m "
+        f"| {error.planar_max:.3f} m | {error.yaw_rmse:.2f} deg | {error.z_rmse:.3f} m "
+        f"| {accepted} of {len(run.attempts)} | {nees.mean() / 3:.2f} |"
+    )
+
+
+def on_corrected_maps(bags: Path) -> Iterator[str]:
+    """Long-term maps that were themselves made with corrected poses."""
+    yield "\n| long-term map made with corrected poses | end | RMSE | largest | yaw RMSE |"
+    yield "|---|---|---|---|---|"
+    for seed in SEEDS:
+        events, truth, first = material(bags, "room", seed)
+        other = events_of(bags, "room", seed, 2)
+        localizer = Localizer(PARAMS)
+        localizer.set_long_term(first)
+        run = localized(other, localizer)
+        poses = iter(run.told)
+        corrected = [
+            event._replace(message=with_pose(event.message, next(poses)))
+            if event.topic == "/odom"
+            else event
+            for event in other
+        ]
+        localizer = Localizer(PARAMS)
+        localizer.set_long_term(mapped(corrected, "/odom"))
+        error = error_of(again := localized(events, localizer), again.told, truth)
+        yield (
+            f"| `room` {seed} | {error.final_position:.3f} m, {error.final_yaw:.2f} deg "
+            f"| {error.planar_rmse:.3f} m | {error.planar_max:.3f} m | {error.yaw_rmse:.2f} deg |"
+        )
+
+
+def with_pose(message, T: se3.Matrix):
+    """An Odometry with another pose."""
+    pose = message.pose.pose
+    x, y, z = T[:3, 3]
+    qx, qy, qz, qw = se3.to_quaternion(T)
+    return dataclasses.replace(
+        message,
+        pose=dataclasses.replace(
+            message.pose,
+            pose=dataclasses.replace(
+                pose,
+                position=dataclasses.replace(pose.position, x=x, y=y, z=z),
+                orientation=dataclasses.replace(pose.orientation, x=qx, y=qy, z=qz, w=qw),
+            ),
+        ),
+    )
+
+
+def kidnapped(bags: Path) -> Iterator[str]:
+    """Robots that wake up somewhere and search the whole map."""
+    yield "\n| world | found rightly | wrongly | not | way until then | error |"
+    yield "|---|---|---|---|---|---|"
+    rng = np.random.default_rng(7)
+    for world in ("room", "ramp", "rough"):
+        outcomes: Counter[str] = Counter()
+        ways, errors = [], []
+        for seed in (1, 2):
+            events, truth, long_term = material(bags, world, seed)
+            for _ in range(KIDNAPPED // 2):
+                outcome, way, error = kidnap(events, truth, long_term, rng)
+                outcomes[outcome] += 1
+                if outcome == "right":
+                    ways.append(way)
+                    errors.append(error)
+        yield (
+            f"| `{world}` | {outcomes['right']} of {outcomes.total()} | {outcomes['wrong']} "
+            f"| {outcomes['not']} | {np.mean(ways):.1f} m, at most {max(ways):.1f} m "
+            f"| median {np.median(errors):.3f} m, at most {max(errors):.3f} m |"
+        )
+
+
+def kidnap(
+    events: Sequence[Event],
+    truth: tuple[np.ndarray, se3.Matrix],
+    long_term: HeightMap,
+    rng: np.random.Generator,
+) -> tuple[str, float, float]:
+    """Wake up at a random time of a drive, believing to be somewhere else."""
+    localizer = Localizer(PARAMS)
+    localizer.set_long_term(long_term)
+    localizer.begin_at(rng.uniform((-5, -5, -0.5, -np.pi), (5, 5, 0.5, np.pi)))
+    localizer.request_search()
+    last = events[-1].stamp_ns
+    begin = rng.uniform(events[0].stamp_ns, last - 8e9)
+    way, before = 0.0, None
+    for event in events:
+        if event.topic == "/tf_static":
+            localizer.take_transforms(event.message, is_static=True)
+            continue
+        if event.stamp_ns < begin or event.topic == "/ground_truth":
+            continue
+        if event.topic == "/odom":
+            attempts = localizer.take_odometry(event.message)
+            p = event.message.pose.pose.position
+            here = np.array([p.x, p.y])
+            way += 0.0 if before is None else float(np.linalg.norm(here - before))
+            before = here
+        else:
+            attempts = localizer.take_scan(event.topic, event.message)
+        # What it believed at first may track for a moment; a search must have ended.
+        if (
+            attempts
+            and attempts[-1].kind is Kind.CONFIRMATION
+            and localizer.state is State.TRACKING
+        ):
+            stamp = np.clip(attempts[-1].stamp_ns, truth[0][0], truth[0][-1])
+            true = se3.interpolate(*truth, [stamp])
+            distance, _, yaw = trajectory_error.planar_errors(attempts[-1].T_map_base[None], true)[
+                0
+            ]
+            is_right = distance < RIGHT[0] and abs(yaw) < RIGHT[1]
+            return ("right" if is_right else "wrong"), way, float(distance)
+        if way > SEARCH_WAY:
+            break
+    return "not", way, 0.0
+
+
+def freiburg(path: Path) -> Iterator[str]:
+    """Half of the log is mapped with the reference poses, the other half localized."""
+    params = with_values(Params(), FR079)
+    with Bag(path) as bag:
+        middle = (bag.start_ns + bag.end_ns) // 2
+        events = list(bag.events(["/scan", "/odom", "/ground_truth", "/tf_static"]))
+    wanted = [e for e in events if e.topic != "/odom" and e.stamp_ns <= middle]
+    long_term = mapped(wanted, "/ground_truth", params)
+    rest = [e for e in events if e.topic == "/tf_static" or e.stamp_ns > middle]
+    stamps, truth = truth_of(rest)
+    rest = [e for e in rest if e.topic == "/tf_static" or e.stamp_ns >= stamps[0]]
+    x, y, z, _, _, yaw = se3.to_xyz_rpy(truth[0])
+    yield "\n| Freiburg 079, second half | poses | median | 95 % | largest | yaw: median | 95 % |"
+    yield "|---|---|---|---|---|---|---|"
+    localizer = Localizer(params)
+    localizer.set_long_term(long_term)
+    localizer.begin_at(np.array([x, y, z, yaw]))
+    run = localized(rest, localizer)
+    at = np.array(run.stamps)
+    # The reference is that of scans; odometry of another moment is not compared with it.
+    after = np.clip(np.searchsorted(stamps, at), 1, len(stamps) - 1)
+    nearest = np.minimum(np.abs(stamps[after] - at), np.abs(stamps[after - 1] - at))
+    is_known = (nearest < 2e7) & (at >= stamps[0]) & (at <= stamps[-1])
+    true = se3.interpolate(stamps, truth, at[is_known])
+    T_map_odom = run.told[0] @ se3.inverse(run.odometry[0])
+    for name, poses in (
+        ("raw wheel odometry", T_map_odom @ np.array(run.odometry)),
+        ("corrected", np.array(run.told)),
+    ):
+        error = trajectory_error.planar_errors(poses[is_known], true)
+        distance, turn = error[:, 0], np.abs(error[:, 2])
+        yield (
+            f"| {name} | {len(error)} | {np.median(distance):.2f} m "
+            f"| {np.percentile(distance, 95):.2f} m | {distance.max():.2f} m "
+            f"| {np.median(turn):.1f} deg | {np.percentile(turn, 95):.1f} deg |"
+        )
+    outcomes = Counter(f"{a.kind.value}: {a.registration.reason.value}" for a in run.attempts)
+    yield "\n" + ", ".join(f"{name} {count}" for name, count in outcomes.most_common())
+    yield f"At the end: {run.state.name}"
+
+
+if __name__ == "__main__":
+    with contextlib.redirect_stderr(io.StringIO()):
+        main()

@@ -1,0 +1,168 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The pictures of docs/tuning.md: what a parameter does, side by side.
+
+Usage: python studies/tuning_pictures.py [DIRECTORY] [NAME ...]
+
+Without names it draws all of them; the directory is docs/ by default.
+"""
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+
+from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, HeightMap
+from heightmap25d_ros.io.bag import Bag
+from heightmap25d_ros.params.by_name import with_values
+from heightmap25d_ros.params.sections import Params
+from heightmap25d_ros.pipelines.mapping import Mapping
+from heightmap25d_ros.pipelines.replay import replayed
+from heightmap25d_ros.planning.graph import transition_graph
+from heightmap25d_ros.planning.plan import Pose2D
+from heightmap25d_ros.planning.planner import Planner
+from heightmap25d_ros.terrain.traversability import OCCUPIED, to_obstacle_map
+from heightmap25d_ros.viz import map_figures
+
+ROOT = Path(__file__).resolve().parent.parent
+WIDTH, DPI = 7.5, 110  # [inch], [1/inch]
+Values = dict[str, Any]
+Draw = Callable[[Axes, HeightMap, Params], str]
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One bag, mapped or converted with several values, drawn one above the other."""
+
+    bag: str
+    values: tuple[Values, ...]
+    part: tuple[tuple[float, float], tuple[float, float]]  # x, y [m]
+    draw: Draw
+
+
+def main(arguments: list[str]) -> int:
+    directory = Path(arguments[0]) if arguments else ROOT / "docs"
+    unknown = set(arguments[1:]) - set(PICTURES)
+    if unknown:
+        print(f"unknown: {', '.join(unknown)}; there are {', '.join(PICTURES)}", file=sys.stderr)
+        return 2
+    directory.mkdir(parents=True, exist_ok=True)
+    for name in arguments[1:] or PICTURES:
+        path = directory / f"tuning_{name}.png"
+        draw(path, PICTURES[name])
+        print(path)
+    return 0
+
+
+def draw(path: Path, picture: Picture) -> None:
+    (west, east), (south, north) = picture.part
+    rows = len(picture.values)
+    panel = WIDTH * (north - south) / (east - west)
+    figure = Figure(figsize=(WIDTH, rows * (panel + 0.35)), layout="constrained")
+    for axes, values in zip(figure.subplots(rows), picture.values, strict=True):
+        params = with_values(Params(), values)
+        result = picture.draw(axes, mapped(picture.bag, params), params)
+        title = ", ".join(f"{name}: {value}" for name, value in values.items())
+        axes.set_title(f"{title}   {result}", size=9)
+        axes.set(xlim=(west, east), ylim=(south, north), aspect="equal")
+        axes.set_facecolor(map_figures.UNKNOWN_COLOUR)
+        axes.tick_params(labelsize=7)
+    FigureCanvasAgg(figure)
+    figure.savefig(path, dpi=DPI, metadata={"Software": None})
+
+
+def mapped(name: str, params: Params) -> HeightMap:
+    """The map of a bag by its true poses."""
+    with Bag(ROOT / "bags" / name) as bag:
+        values = {"intake.scan_topics": bag.scan_topics()}
+        mapping = Mapping(with_values(params, values))
+        for _ in replayed(bag, mapping, "/ground_truth"):
+            pass
+        return mapping.maps()[0]
+
+
+def draw_obstacles(axes: Axes, shown: HeightMap, params: Params) -> str:
+    metres = np.where(shown.known, shown.height * HEIGHT_RESOLUTION, np.nan)
+    draw_cells(
+        axes,
+        shown,
+        metres,
+        cmap=map_figures.terrain_colours(),
+        norm=map_figures.height_norm(metres),
+    )
+    occupied = to_obstacle_map(shown, params.traversability).occupancy == OCCUPIED
+    obstacle = ListedColormap([map_figures.OCCUPIED_COLOUR])
+    draw_cells(axes, shown, np.where(occupied, 1.0, np.nan), cmap=obstacle)
+    return ""
+
+
+def draw_costs(axes: Axes, shown: HeightMap, params: Params) -> str:
+    cost = to_obstacle_map(shown, params.traversability).cost.astype(float)
+    draw_cells(axes, shown, np.where(cost >= 0, cost, np.nan), cmap="YlOrRd", vmin=0, vmax=100)
+    return ""
+
+
+def draw_path(axes: Axes, shown: HeightMap, params: Params, start: Pose2D, goal: Pose2D) -> str:
+    draw_obstacles(axes, shown, params)
+    graph = transition_graph(shown, params.traversability, params.planner)
+    planner = Planner(graph, params.traversability, params.planner)
+    plan = planner.plan(start, goal, is_robot_there=False)
+    axes.plot(plan.poses[:, 0, 3], plan.poses[:, 1, 3], **map_figures.TRAJECTORY)
+    return plan.reason or f"{plan.length:.1f} m long, {plan.climb:.2f} m up"
+
+
+def draw_cells(axes: Axes, shown: HeightMap, cells: Any, **style: Any) -> None:
+    axes.imshow(
+        cells, origin="lower", interpolation="nearest", extent=map_figures.extent(shown.geometry),
+        **style,
+    )  # fmt: skip
+
+
+def each(name: str, *values: Any) -> tuple[Values, ...]:
+    return tuple({name: value} for value in values)
+
+
+RAMP = ((0.0, 27.5), (-7.2, 3.3))
+HILL = ((3.0, 18.0), (-2.0, 5.0))
+ROUGH = ((-2.0, 24.5), (-6.0, 6.0))
+PICTURES = {
+    "rule": Picture(
+        "ramp_1",
+        ({"mapper.update_rule": "paper"}, {"mapper.lone_return": 0.0},
+         {"mapper.update_rule": "candidate"}),
+        RAMP, draw_obstacles,
+    ),
+    "resolution": Picture(
+        "ramp_1", each("grid.resolution", 0.25, 0.125, 0.0625), RAMP, draw_obstacles
+    ),
+    "max_step": Picture(
+        "street_1", each("traversability.max_step", 0.03, 0.1, 0.2), ((-3.5, 25.0), (-5.2, 8.2)),
+        draw_obstacles,
+    ),
+    "max_slope": Picture(
+        "rough_1", each("traversability.max_slope", 0.15, 0.25, 0.44), ROUGH, draw_obstacles
+    ),
+    "robot_radius": Picture(
+        "ramp_1", each("traversability.robot_radius", 0.2, 0.5, 0.8), RAMP, draw_costs
+    ),
+    "climb_weight": Picture(
+        "rough_1", each("planner.climb_weight", 2.0, 20.0), HILL,
+        partial(draw_path, start=Pose2D(6.0, 1.0), goal=Pose2D(15.0, 1.5)),
+    ),
+    "clearance_weight": Picture(
+        "ramp_1", each("planner.clearance_weight", 0.0, 1.0, 10.0), RAMP,
+        partial(draw_path, start=Pose2D(24.0, -1.0), goal=Pose2D(16.0, -5.5)),
+    ),
+}  # fmt: skip
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,227 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command line, as a user calls it, on the project's bag."""
+
+import json
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from repository import ROOT
+
+from heightmap25d_ros import cli
+from heightmap25d_ros.io import map_directory, trajectory
+
+RAMP = ROOT / "bags" / "ramp"
+TRUTH = RAMP / "truth" / "surface.npz"
+SHARED = Path(os.environ.get("HEIGHTMAP25D_SHARED_BAGS", ROOT.parent / "shared" / "bags"))
+
+
+def run(capsys, *arguments):
+    """Exit status, figures, and what was said on standard error."""
+    try:
+        status = cli.main([str(argument) for argument in (*arguments, "--json")])
+    except SystemExit as end:
+        status = end.code
+    out, err = capsys.readouterr()
+    return status, json.loads(out) if status == 0 else None, err
+
+
+@pytest.fixture(scope="module")
+def ramp_map(tmp_path_factory):
+    directory = tmp_path_factory.mktemp("maps") / "ramp"
+    assert cli.main(["map", str(RAMP), "-o", str(directory)]) == 0
+    return directory
+
+
+def test_map_is_deterministic_and_says_what_it_did(capsys, tmp_path, ramp_map):
+    status, figures, _ = run(capsys, "map", RAMP, "-o", tmp_path / "again")
+    assert status == 0
+    assert figures["merged"]["scans"] == 2066
+    assert figures["dropped"] == figures["damaged"] == {}
+    assert figures["sha256"] == map_directory.digest(ramp_map)
+    for name in ("map.pgm", "map.yaml", "trajectory.tum"):
+        assert (tmp_path / "again" / name).read_bytes() == (ramp_map / name).read_bytes()
+    assert figures["x real time"] > 0
+    assert figures["ms per scan p50"] <= figures["ms per scan p99"]
+
+
+def test_the_map_of_the_ramp_against_its_truth(capsys, ramp_map):
+    """Bounds with room; measured: 0.996, 0.000, 1.000, 0.999."""
+    _, figures, _ = run(capsys, "evaluate", ramp_map, "--truth", TRUTH)
+    assert figures["coverage"] > 0.99
+    assert figures["error_of_seen"]["median_absolute"] < 0.01
+    assert figures["blocked_transitions"]["precision"] > 0.99
+    assert figures["blocked_transitions"]["recall"] > 0.98
+
+
+def test_the_papers_rule_on_the_ramp(capsys, tmp_path):
+    """Measured: 0.990, 0.0065, 1.0, 0.995; grazing beams cost it coverage."""
+    run(capsys, "map", RAMP, "-o", tmp_path / "paper", "--update-rule", "paper")
+    _, figures, _ = run(capsys, "evaluate", tmp_path / "paper", "--truth", TRUTH)
+    assert 0.98 < figures["coverage"] < 0.995
+    assert figures["error_of_seen"]["median_absolute"] < 0.01
+
+
+def test_the_maps_size_is_the_papers(ramp_map):
+    """Fig. 2: 256 x 64 cells with two numbers each, 32,768 of them."""
+    height_map = map_directory.load(ramp_map, 0.5).height_map
+    assert height_map.height.size + height_map.probability.size == 32_768
+
+
+def test_one_laser_of_two(capsys, tmp_path):
+    _, figures, _ = run(capsys, "map", RAMP, "-o", tmp_path / "level", "--scan-topic", "/scan")
+    assert figures["merged"]["scans"] == 1033
+
+
+def test_parameters_of_a_file_count(capsys, tmp_path, ramp_map):
+    file = tmp_path / "coarse.yaml"
+    file.write_text("/**:\n  ros__parameters:\n    grid.resolution: 0.25\n")
+    run(capsys, "map", RAMP, "-o", tmp_path / "coarse", "--params", file)
+    assert map_directory.load(tmp_path / "coarse", 0.5).height_map.geometry.resolution == 0.25
+
+
+def test_convert_for_a_robot_that_climbs_more(capsys, tmp_path, ramp_map):
+    file = tmp_path / "climber.yaml"
+    file.write_text("/**:\n  ros__parameters:\n    traversability.max_step: 0.2\n")
+    _, before, _ = run(capsys, "info", ramp_map)
+    _, after, _ = run(capsys, "convert", ramp_map, "-o", tmp_path / "out", "--params", file)
+    assert after["known cells"] == before["known cells"]
+    assert after["occupied cells"] < before["occupied cells"]
+    grid = (tmp_path / "out" / "height_grid.npz").read_bytes()
+    assert grid == (ramp_map / "height_grid.npz").read_bytes()
+
+
+def test_render_draws_three_pictures_that_show_something(capsys, tmp_path, ramp_map):
+    _, figures, _ = run(capsys, "render", ramp_map, "-o", tmp_path / "pictures")
+    assert len(figures["pictures"]) == 3
+    for picture in figures["pictures"]:
+        assert len(np.unique(np.asarray(Image.open(picture)).reshape(-1, 4), axis=0)) > 3
+
+
+def test_info_of_a_bag(capsys):
+    _, figures, _ = run(capsys, "info", RAMP)
+    assert figures["/scan_down (sensor_msgs/msg/LaserScan)"] == 1033
+
+
+def test_help_and_plain_figures(capsys, ramp_map):
+    with pytest.raises(SystemExit):
+        cli.main(["map", "--help"])
+    assert "--odom-topic" in capsys.readouterr().out
+    assert cli.main(["info", str(ramp_map)]) == 0
+    assert "known cells" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (("map", "nowhere", "-o", "out"), "nowhere"),
+        (("map", RAMP, "-o", "out", "--odom-topic", "/odo"), "/odo"),
+        (("map", RAMP, "-o", "out", "--scan-topic", "/odom"), "/odom is a nav_msgs/msg/Odometry"),
+        (("map", RAMP, "-o", "out", "--odom-topic", "/tf"), "/tf is a tf2_msgs/msg/TFMessage"),
+        (("map", RAMP, "-o", "/proc/out"), "/proc/out"),
+        (("map", RAMP, "-o", "out", "--scan-topic", "/scam"), "/scam"),
+        (("map", RAMP, "-o", "out", "--params", "none.yaml"), "none.yaml"),
+        (("map", RAMP, "-o", "out", "--update-rule", "no"), "--update-rule"),
+        (("map", RAMP), "-o"),
+        (("render", "nowhere", "-o", "out"), "nowhere"),
+        (("evaluate", "nowhere", "--truth", TRUTH), "nowhere"),
+        (("info", "nowhere"), "nowhere"),
+        ((), "COMMAND"),
+    ],
+)
+def test_unusable_input_is_one_line_and_status_2(
+    capsys, tmp_path, monkeypatch, arguments, complaint
+):
+    monkeypatch.chdir(tmp_path)
+    status, _, err = run(capsys, *arguments)
+    assert status == 2
+    assert complaint in err.splitlines()[-1]
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_cut_bag_is_refused_or_mapped_as_far_as_it_goes(capsys, tmp_path):
+    cut = tmp_path / "cut"
+    shutil.copytree(RAMP, cut, ignore=shutil.ignore_patterns("truth"))
+    content = (cut / "ramp.mcap").read_bytes()
+    (cut / "ramp.mcap").write_bytes(content[: len(content) // 2])
+    status, _, err = run(capsys, "map", cut, "-o", tmp_path / "out")
+    assert status == 2
+    assert "cut" in err.splitlines()[-1]
+
+
+@pytest.mark.skipif(not SHARED.exists(), reason="the real recordings are not here")
+def test_the_nodding_laser_sees_the_corridors_floor_and_no_ceiling(capsys, tmp_path):
+    """Kurt3D: a floor at 0, flat within centimetres up to 5 m, walls 2.3 m apart."""
+    run(capsys, "map", SHARED / "kurt3d_sick_nodding", "-o", tmp_path / "kurt3d",
+        "--params", ROOT / "config" / "kurt3d.yaml")  # fmt: skip
+    height_map = map_directory.load(tmp_path / "kurt3d", 0.5).height_map
+    heights = np.where(height_map.known, height_map.height * 0.01, np.nan)
+    (y0, x0), (y1, x1) = height_map.geometry.cell_at([(0.5, -0.5), (5.0, 0.6)])
+    floor = heights[y0:y1, x0:x1]
+    assert np.isfinite(floor).mean() > 0.9
+    assert np.abs(np.nanmedian(floor)) < 0.03
+    assert np.nanmax(np.abs(floor)) < 0.10
+    assert np.nanmax(heights) < 1.9
+
+
+@pytest.fixture(scope="module")
+def localized(tmp_path_factory):
+    """The lap of bags/room_1 in a map of the same drive with true poses."""
+    directory, bag = tmp_path_factory.mktemp("localized"), ROOT / "bags" / "room_1"
+    truth = ["--odom-topic", "/ground_truth"]
+    assert cli.main(["map", str(bag), "-o", str(directory / "map"), *truth]) == 0
+    arguments = [
+        "localize",
+        str(bag),
+        "--map",
+        str(directory / "map"),
+        "-o",
+        str(directory / "out"),
+    ]
+    assert cli.main(arguments) == 0
+    return directory, arguments
+
+
+def test_localize_writes_trajectory_registrations_and_pictures(localized):
+    directory, _ = localized
+    out = directory / "out"
+    rows = trajectory.read_tum(out / "trajectory.tum")
+    truth = trajectory.read_tum(directory / "map" / "trajectory.tum")
+    assert np.linalg.norm(rows[-1, 1:4] - truth[-1, 1:4]) < 0.05
+    lines = (out / "registrations.csv").read_text().splitlines()
+    assert lines[0].split(",")[:4] == ["t", "kind", "reason", "state"]
+    assert len(lines) > 80
+    for name in ("trajectories.png", "errors.png", "score.png"):
+        with Image.open(out / name) as picture:
+            assert min(picture.size) > 300
+
+
+def test_localize_is_deterministic_and_tells_its_error(capsys, tmp_path, localized):
+    directory, arguments = localized
+    status, figures, _ = run(capsys, *arguments[:-1], tmp_path)
+    assert status == 0
+    for name in ("trajectory.tum", "registrations.csv"):
+        assert (tmp_path / name).read_bytes() == (directory / "out" / name).read_bytes()
+    assert figures["state"] == "TRACKING"
+    assert figures["corrected"]["planar_max"] < 0.1 < figures["odometry alone"]["planar_max"]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{1: "/nowhere"}, {3: "/nowhere"}, {3: str(RAMP)}],
+)
+def test_localize_refuses_what_it_cannot_read(capsys, localized, change):
+    arguments = dict(enumerate(localized[1])) | change
+    status, _, error = run(capsys, *arguments.values())
+    assert status == 2
+    assert error.count("\n") == 1
+
+
+def test_localize_refuses_a_bad_initial_pose(capsys, localized):
+    status, _, error = run(capsys, *localized[1], "--initial", "1,2")
+    assert status == 2
+    assert "x,y,z,yaw" in error

@@ -1,0 +1,143 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from heightmap25d_ros.grid.height_grid import TILE, HeightGrid, TiledArray
+from heightmap25d_ros.grid.height_map import Area, Geometry, HeightMap
+from heightmap25d_ros.params.sections import GridParams
+
+GEOMETRY = Geometry(resolution=0.5, origin=(-1.0, 2.0), shape=(4, 6))
+indices = st.integers(-40, 40)
+sizes = st.integers(0, 50)
+
+
+def test_cells_of_points():
+    points = [(-1.0, 2.0), (-0.51, 2.0), (-0.5, 2.49), (-1.01, 1.99), (1.99, 3.99)]
+    cells = [(0, 0), (0, 0), (0, 1), (-1, -1), (3, 5)]
+    assert GEOMETRY.cell_at(points).tolist() == [list(cell) for cell in cells]
+    assert GEOMETRY.contains(cells).tolist() == [True, True, True, False, True]
+
+
+def test_corner_and_center():
+    assert GEOMETRY.cell_corner((1, 2)).tolist() == [0.0, 2.5]
+    assert GEOMETRY.cell_center((1, 2)).tolist() == [0.25, 2.75]
+
+
+@given(iy=st.integers(-1000, 1000), ix=st.integers(-1000, 1000))
+def test_a_cell_holds_its_own_center(iy, ix):
+    assert GEOMETRY.cell_at(GEOMETRY.cell_center((iy, ix))).tolist() == [iy, ix]
+
+
+def test_part_of_a_geometry():
+    part = GEOMETRY.part(Area(1, 2, 2, 3))
+    assert part == Geometry(resolution=0.5, origin=(0.0, 2.5), shape=(2, 3))
+
+
+@given(iy=indices, ix=indices, rows=sizes, columns=sizes)
+def test_reading_any_area_gives_what_a_dense_array_has(iy, ix, rows, columns):
+    tiled = TiledArray((2, 3), np.int16)
+    dense = np.arange(2 * 3 * TILE**2, dtype=np.int16).reshape(2 * TILE, 3 * TILE)
+    tiled.write(Area(0, 0, *dense.shape), dense)
+    surrounded = np.zeros((200, 200), np.int16)
+    surrounded[100 : 100 + 2 * TILE, 100 : 100 + 3 * TILE] = dense
+    expected = surrounded[100 + iy : 100 + iy + rows, 100 + ix : 100 + ix + columns]
+    np.testing.assert_array_equal(tiled.read(Area(iy, ix, rows, columns)), expected)
+
+
+def test_writing_half_a_tile_is_misuse():
+    with pytest.raises(ValueError, match="whole tiles"):
+        TiledArray((2, 2), np.int16).write(Area(0, 8, 16, 16), np.zeros((16, 16), np.int16))
+
+
+def run(program):
+    return subprocess.run(
+        [sys.executable, "-c", program], check=False, capture_output=True, text=True
+    )
+
+
+def some_map(origin, shape=(3, 4), resolution=0.125):
+    rng = np.random.default_rng(0)
+    return HeightMap(
+        geometry=Geometry(resolution=resolution, origin=origin, shape=shape),
+        height=rng.integers(-300, 300, shape).astype(np.int16),
+        probability=rng.integers(1, 65535, shape).astype(np.uint16),
+        probability_threshold=0.5,
+    )
+
+
+@pytest.mark.parametrize("origin", [(-0.25, 0.5), (0.0, 0.0), (-7.875, 3.125)])
+def test_a_written_map_is_read_again(origin):
+    grid = HeightGrid(GridParams(extent=16.0))
+    written = some_map(origin)
+    grid.write(written)
+    iy, ix = grid.geometry.cell_at(written.geometry.cell_center((0, 0)))
+    read = grid.read(0.5, Area(int(iy), int(ix), 3, 4))
+    assert read.geometry == written.geometry
+    np.testing.assert_array_equal(read.height, written.height)
+    np.testing.assert_array_equal(read.probability, written.probability)
+    assert (grid.read(0.5).probability > 0).sum() == 12
+    assert len(grid.take_changed()) >= 1
+    assert len(grid.take_changed()) == 0
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        (some_map((0.03, 0.0)), "cell boundary"),
+        (some_map((0.0, 0.0), resolution=0.25), "resolution"),
+        (some_map((0.0, 7.75)), "extent"),
+    ],
+)
+def test_a_map_that_does_not_fit_is_refused_and_the_grid_stays(content, complaint):
+    grid = HeightGrid(GridParams(extent=16.0))
+    with pytest.raises(ValueError, match=complaint):
+        grid.write(content)
+    assert grid.observed_area().rows == 0
+
+
+def test_the_extent_is_covered_and_cell_borders_are_multiples_of_the_resolution():
+    grid = HeightGrid(GridParams(resolution=0.05, extent=100.0))
+    low, high = grid.geometry.cell_corner((0, 0)), grid.geometry.cell_corner(grid.geometry.shape)
+    assert (low <= -50).all()
+    assert (high >= 50).all()
+    np.testing.assert_allclose(low / 0.05, np.rint(low / 0.05), atol=1e-6)
+
+
+def test_an_extent_without_enough_addresses_is_refused_with_its_parameter():
+    program = """
+import resource
+resource.setrlimit(resource.RLIMIT_AS, (4 << 30, 4 << 30))
+from heightmap25d_ros.grid.height_grid import HeightGrid
+from heightmap25d_ros.params.sections import GridParams
+HeightGrid(GridParams(extent=16384.0))
+"""
+    result = run(program)
+    assert result.stderr.splitlines()[-1].startswith(
+        "heightmap25d_ros.errors.InputError: parameter grid.extent: cannot reserve"
+    )
+
+
+def test_memory_follows_what_is_written_and_not_the_extent():
+    """4 km x 4 km, a street of 2 km: the addresses are 8 GiB, the memory a few MiB."""
+    program = """
+import numpy as np
+from heightmap25d_ros.grid.height_grid import HeightGrid
+from heightmap25d_ros.grid.height_map import Geometry, HeightMap
+from heightmap25d_ros.params.sections import GridParams
+def resident():
+    return int(open("/proc/self/statm").read().split()[1]) * 4096
+grid = HeightGrid(GridParams(extent=4096.0))
+piece = dict(height=np.ones((160, 160), np.int16), probability=np.full((160, 160), 9, np.uint16))
+before = resident()
+for k in range(100):
+    geometry = Geometry(resolution=0.125, origin=(-1000.0 + 20 * k, 0.0), shape=(160, 160))
+    grid.write(HeightMap(geometry=geometry, probability_threshold=0.5, **piece))
+print((resident() - before) / (100 * 160 * 160))
+"""
+    assert 4.0 <= float(run(program).stdout) <= 10.0  # bytes a cell; 4 + 2 for what write() touches

@@ -1,0 +1,268 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Continuous localization on recorded drives against their truth, and on what goes wrong."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+
+import numpy as np
+import pytest
+from bag_writer import odometry, rosbags_type
+from localization_bags import (
+    PARAMS,
+    SCANS,
+    drive,
+    events_of,
+    heights,
+    map_of_another_drive,
+    truth_of,
+)
+from repository import BAGS
+
+from heightmap25d_ros import se3
+from heightmap25d_ros.localization.tracker import Kind
+from heightmap25d_ros.localization.tracking_state import State
+from heightmap25d_ros.params.by_name import with_values
+from heightmap25d_ros.pipelines.localization import Localizer
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory):
+    return heights(map_of_another_drive("room", tmp_path_factory.mktemp("room")))
+
+
+@pytest.fixture(scope="module")
+def lap():
+    return events_of(BAGS / "room_1")
+
+
+@pytest.fixture(scope="module")
+def start(lap):
+    """The first eight metres."""
+    return [event for event in lap if event.stamp_ns <= lap[0].stamp_ns + 10 * 10**9]
+
+
+def test_the_lap_of_the_paper(lap, room):
+    driven = drive(lap, room)
+    error = driven.errors(lap)
+    uncorrected = drive(lap, None).errors(lap)
+    assert error[-1, 0] <= 0.03 < 0.1 < uncorrected[-1, 0]
+    assert abs(error[-1, 2]) <= 0.3 < 3.0 < abs(uncorrected[-1, 2])
+    assert np.sqrt(np.mean(error[:, 0] ** 2)) <= 0.04
+    assert error[:, 0].max() <= 0.10
+    assert np.abs(error[:, 1]).max() <= 0.03
+    assert driven.localizer.state is State.TRACKING
+    assert driven.localizer.dropped.total() == 0
+
+
+def test_told_poses_move_no_faster_than_allowed_and_not_at_all_when_standing(start, room):
+    driven = drive(start, room)
+    corrections, standing = [], []
+    localizer = Localizer(PARAMS)
+    localizer.set_long_term(room)
+    before, before_odom = None, None
+    for event in start:
+        if event.topic in SCANS:
+            localizer.take_scan(event.topic, event.message)
+        elif event.topic.startswith("/tf"):
+            localizer.take_transforms(event.message, is_static=event.topic == "/tf_static")
+        elif event.topic == "/odom":
+            localizer.take_odometry(event.message)
+            T, position = localizer.pose.T_map_odom, event.message.pose.pose.position
+            here = np.array([position.x, position.y])
+            if before is not None:
+                robot = localizer.pose.T_map_base[:3, 3]
+                odom = np.linalg.inv(T) @ np.append(robot, 1.0)
+                moved = np.linalg.norm(robot - (before @ odom)[:3])
+                (standing if np.array_equal(here, before_odom) else corrections).append(moved)
+            before, before_odom = T, here
+    assert max(standing) == 0.0
+    allowed = PARAMS.localization.correction_speed * 0.02
+    assert 0.5 * allowed < max(corrections) <= allowed * 1.01
+    assert driven.attempts
+
+
+def test_the_same_messages_give_the_same_poses(start, room):
+    first, second = drive(start, room), drive(start, room)
+    np.testing.assert_array_equal(first.poses, second.poses)
+
+
+def begin_far_off(localizer):
+    localizer.begin_at(np.array([4.0, 2.0, 0.5, 2.0]))
+
+
+def test_a_wrong_initial_pose_is_noticed_and_mended(start, room):
+    driven = drive(start, room, begin=begin_far_off)
+    kinds = {attempt.kind for attempt in driven.attempts}
+    assert State.LOST in driven.states
+    assert {Kind.SEARCH, Kind.CONFIRMATION} <= kinds
+    assert driven.states[-1] is State.TRACKING
+    assert driven.errors(start)[-1, 0] <= 0.10
+    wrong = driven.errors(start)[:, 0] > 0.5
+    assert not (wrong & (np.array(driven.states) == State.TRACKING)).any()
+
+
+def test_without_relocalization_it_stays_lost(start, room):
+    params = with_values(PARAMS, {"localization.relocalize_when_lost": False})
+    driven = drive(start, room, params=params, begin=begin_far_off)
+    assert driven.states[-1] is State.LOST
+    assert {attempt.kind for attempt in driven.attempts} == {Kind.TRACKING}
+
+
+def test_a_search_that_is_asked_for_finds_the_robot(start, room):
+    params = with_values(PARAMS, {"localization.relocalize_when_lost": False})
+
+    def begin(localizer):
+        begin_far_off(localizer)
+        assert localizer.request_search()
+
+    driven = drive(start, room, params=params, begin=begin)
+    assert driven.states[-1] is State.TRACKING
+    assert driven.errors(start)[-1, 0] <= 0.10
+    assert not Localizer(PARAMS).request_search()
+
+
+def test_in_a_map_of_another_place_it_is_never_sure(start, tmp_path_factory):
+    other = heights(map_of_another_drive("rough", tmp_path_factory.mktemp("rough"), 6.25))
+    driven = drive(start[: 3 * len(start) // 4], other)
+    assert State.TRACKING not in driven.states
+    assert driven.states[-1] is State.LOST
+
+
+def test_a_person_who_walks_does_not_drag_it(tmp_path_factory):
+    events = events_of(BAGS / "moving_1", 20.0)
+    hall = heights(map_of_another_drive("moving", tmp_path_factory.mktemp("moving")))
+    error = drive(events, hall).errors(events)
+    assert error[:, 0].max() <= 0.10
+    assert np.abs(error[:, 2]).max() <= 1.5
+
+
+def test_a_stretch_without_scans_is_bridged(lap, room):
+    begin = lap[0].stamp_ns
+    dark = [
+        event
+        for event in lap
+        if event.stamp_ns < begin + 15 * 10**9
+        and not (event.topic in SCANS and 5.0 < (event.stamp_ns - begin) * 1e-9 < 10.0)
+    ]
+    driven = drive(dark, room)
+    assert driven.errors(dark)[-1, 0] <= 0.06
+    assert driven.states[-1] is State.TRACKING
+    seconds = (np.array(driven.stamps) - begin) * 1e-9
+    deviation = np.array(driven.deviations)
+    assert deviation[np.searchsorted(seconds, 9.9)] > 2 * deviation[np.searchsorted(seconds, 4.9)]
+
+
+def jumped(message, shift):
+    message = copy.deepcopy(message)
+    message.pose.pose.position.x += shift[0]
+    message.pose.pose.position.y += shift[1]
+    return message
+
+
+def test_odometry_that_jumps_does_not_move_the_robot(start, room):
+    jump_at = start[0].stamp_ns + 5 * 10**9
+    torn = [
+        event._replace(message=jumped(event.message, (7.0, -3.0)))
+        if event.topic == "/odom" and event.stamp_ns > jump_at
+        else event
+        for event in start
+    ]
+    driven = drive(torn, room)
+    error = driven.errors(torn)
+    assert error[:, 0].max() <= 0.10
+    assert driven.localizer.dropped["odometry: jumped"] == 1
+    assert driven.states[-1] is State.TRACKING
+
+
+def test_a_bag_that_loops_starts_over(start, room):
+    once = drive(start, room)
+    twice = drive([*start, *start], room)
+    half = len(once.poses)
+    assert twice.localizer.dropped["poses: clock jumped back, localization starts over"] == 1
+    np.testing.assert_allclose(twice.poses[half:], once.poses, atol=0.02)
+
+
+def initial_pose(xyz, yaw, covariance=None, frame_id="map"):
+    """geometry_msgs/PoseWithCovarianceStamped as RViz sends it."""
+    pose = odometry(0, xyz, (0.0, 0.0, np.sin(yaw / 2), np.cos(yaw / 2)), frame_id)
+    matrix = np.zeros((6, 6)) if covariance is None else covariance
+    pose.pose.covariance[:] = matrix.reshape(-1)
+    return rosbags_type("geometry_msgs/msg/PoseWithCovarianceStamped")(
+        header=pose.header, pose=pose.pose
+    )
+
+
+def test_initial_pose_searches_as_far_as_its_covariance(start, room):
+    """A pose off by 0.8 m: within the window of a wide covariance, outside of a narrow one."""
+    _, truth = truth_of(start)
+    x, y, _, _, _, yaw = se3.to_xyz_rpy(truth[0])
+    wide, narrow = np.zeros((6, 6)), np.zeros((6, 6))
+    wide[(0, 1, 5), (0, 1, 5)] = 0.5**2, 0.5**2, 0.2**2
+    narrow[(0, 1, 5), (0, 1, 5)] = 0.05**2, 0.05**2, 0.02**2
+    params = with_values(PARAMS, {"localization.relocalize_when_lost": False})
+    ends = {}
+    for name, covariance in (("wide", wide), ("narrow", narrow)):
+
+        def begin(localizer, covariance=covariance):
+            localizer.take_initial_pose(
+                initial_pose((x + 0.6, y - 0.5, 0.0), yaw + 0.1, covariance)
+            )
+
+        driven = drive(start, room, params=params, begin=begin)
+        searches = [a for a in driven.attempts if a.kind is Kind.TRACKING]
+        ends[name] = driven.errors(start)[-1, 0], searches[0].registration.is_accepted
+    assert ends["wide"][1]
+    assert ends["wide"][0] <= 0.06
+    assert not ends["narrow"][1]
+
+
+def test_an_initial_pose_that_is_sure_of_one_axis_is_usable(start, room):
+    sure = np.zeros((6, 6))
+    sure[0, 0] = 0.25
+
+    def begin(localizer):
+        localizer.take_initial_pose(initial_pose((0.0, 0.0, 0.0), 0.0, sure))
+
+    driven = drive(start[: len(start) // 3], room, begin=begin)
+    assert driven.attempts
+    assert np.isfinite(driven.poses).all()
+
+
+@pytest.mark.parametrize(
+    ("message", "reason"),
+    [
+        (initial_pose((0, 0, 0), 0.0, frame_id="odom"), "initialpose: not in 'map'"),
+        (initial_pose((np.nan, 0, 0), 0.0), "initialpose: bad pose"),
+        (initial_pose((0, 0, 0), 0.0, -np.eye(6)), "initialpose: bad pose.covariance"),
+        (initial_pose((0, 0, 0), 0.0, np.full((6, 6), np.inf)), "initialpose: bad pose.covariance"),
+    ],
+)
+def test_a_bad_initial_pose_changes_nothing(message, reason):
+    localizer = Localizer(PARAMS)
+    localizer.take_odometry(odometry(10**9, (1.0, 2.0, 0.0)))
+    before = localizer.pose
+    localizer.take_initial_pose(message)
+    localizer.take_odometry(odometry(2 * 10**9, (1.0, 2.0, 0.0)))
+    np.testing.assert_array_equal(localizer.pose.T_map_base, before.T_map_base)
+    assert localizer.dropped[reason] == 1
+
+
+def test_the_height_at_an_initial_pose_is_the_maps(room):
+    raised = dataclasses.replace(room, height=room.height + np.int16(150))
+    localizer = Localizer(PARAMS)
+    localizer.set_long_term(raised)
+    localizer.take_odometry(odometry(10**9))
+    localizer.take_initial_pose(initial_pose((1.0, 0.0, 0.0), 0.5))
+    localizer.take_odometry(odometry(2 * 10**9))
+    assert localizer.pose.T_map_base[:3, 3] == pytest.approx((1.0, 0.0, 1.5), abs=0.05)
+    assert se3.to_xyz_rpy(localizer.pose.T_map_base)[5] == pytest.approx(0.5)
+
+
+def test_without_a_long_term_map_poses_go_on_by_odometry(start):
+    driven = drive(start, None)
+    assert not driven.attempts
+    position = [e.message.pose.pose.position for e in start if e.topic == "/odom"][-1]
+    assert driven.poses[-1][:2, 3] == pytest.approx((position.x, position.y))

@@ -1,0 +1,201 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""heightmap25d simulate, what it records, and the committed recordings."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from repository import BAGS
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import QosDurability, QosReliability
+
+from heightmap25d_ros.cli import main
+from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.simulation import recording
+from heightmap25d_ros.simulation.recording import BUILDERS
+from heightmap25d_ros.simulation.worlds import distance_to_way
+
+
+def sha256(directory: Path) -> dict[str, str]:
+    files = (path for path in sorted(directory.rglob("*")) if path.is_file())
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    bag = tmp_path_factory.mktemp("first") / "arch_1"
+    assert main(["simulate", "arch", "--seed", "1", "-o", str(bag), "--json"]) == 0
+    return bag
+
+
+def messages(bag: Path, *topics: str):
+    with AnyReader([bag]) as reader:
+        connections = [c for c in reader.connections if c.topic in topics]
+        for connection, logged, data in reader.messages(connections):
+            yield connection.topic, logged, reader.deserialize(data, connection.msgtype)
+
+
+def stamp(message) -> int:
+    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+
+
+def test_same_seed_same_bytes(recorded: Path, tmp_path: Path) -> None:
+    assert main(["simulate", "arch", "--seed", "1", "-o", str(tmp_path / "arch_1")]) == 0
+    assert sha256(recorded) == sha256(tmp_path / "arch_1")
+
+
+def test_stamps_and_increments(recorded: Path) -> None:
+    poses, scans = [], {"/scan": [], "/scan_down": []}
+    for topic, logged, message in messages(recorded, "/odom", *scans):
+        if topic == "/odom":
+            assert stamp(message) == logged
+            poses.append(stamp(message))
+            continue
+        assert len(message.ranges) == 361
+        assert message.scan_time == pytest.approx(1 / 37.5)
+        assert 361 * message.time_increment == pytest.approx(1 / 75)
+        assert message.angle_min + 360 * message.angle_increment == pytest.approx(message.angle_max)
+        assert logged - stamp(message) == pytest.approx(1e9 / 75, abs=2)
+        scans[topic].append(stamp(message))
+    assert set(np.diff(poses)) == {20_000_000}
+    for stamps in scans.values():
+        np.testing.assert_allclose(np.diff(stamps), 1e9 / 37.5, atol=2)
+        assert poses[0] <= stamps[0]
+        assert stamps[-1] + 1e9 / 75 <= poses[-1] + 2
+
+
+def test_ranges_follow_rep_117(recorded: Path) -> None:
+    for _, _, message in messages(recorded, "/scan", "/scan_down"):
+        finite = np.isfinite(message.ranges)
+        assert (message.ranges[~finite] == np.inf).all()
+        assert (message.ranges[finite] >= np.float32(message.range_min)).all()
+        assert (message.ranges[finite] <= np.float32(message.range_max)).all()
+
+
+def test_mounts_frames_and_qualities(recorded: Path) -> None:
+    mounts = {
+        t.child_frame_id: t
+        for _, _, message in messages(recorded, "/tf_static")
+        for t in message.transforms
+    }
+    assert set(mounts) == {"laser", "laser_down"}
+    rotation = mounts["laser_down"].transform.rotation
+    assert 2 * np.degrees(np.arctan2(rotation.y, rotation.w)) == pytest.approx(28.0)
+    frames = {
+        "/scan": "laser", "/scan_down": "laser_down", "/odom": "odom", "/ground_truth": "map",
+    }  # fmt: skip
+    for topic, frame_id in frames.items():
+        assert next(messages(recorded, topic))[2].header.frame_id == frame_id
+    with AnyReader([recorded]) as reader:
+        offered = {c.topic: c.ext.offered_qos_profiles[0] for c in reader.connections}
+    assert offered["/scan"].reliability == QosReliability.BEST_EFFORT
+    assert offered["/tf_static"].durability == QosDurability.TRANSIENT_LOCAL
+
+
+def test_true_odometry_is_the_truth_and_the_other_drifts(recorded: Path, tmp_path: Path) -> None:
+    exact = tmp_path / "exact"
+    options = ["--scan-rate", "1", "--true-odometry", "--nodding"]
+    assert main(["simulate", "arch", "-o", str(exact), *options]) == 0
+
+    def last(bag: Path, topic: str) -> np.ndarray:
+        position = list(messages(bag, topic))[-1][2].pose.pose.position
+        return np.array([position.x, position.y, position.z])
+
+    np.testing.assert_array_equal(last(exact, "/odom"), last(exact, "/ground_truth"))
+    off = np.linalg.norm(last(recorded, "/odom") - last(recorded, "/ground_truth"))
+    assert 0.02 < off < 3.0
+    nods = [
+        t.child_frame_id for _, _, message in messages(exact, "/tf") for t in message.transforms
+    ]
+    assert nods.count("laser_nod") == nods.count("base_link")
+
+
+@pytest.mark.parametrize("world", ["moon", "room --seed -1", "room --scan-rate 80"])
+def test_what_cannot_be_simulated_is_told(
+    world: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["simulate", *world.split(), "-o", str(tmp_path / "bag")]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert not (tmp_path / "bag").exists()
+
+
+def test_existing_directory_is_kept(recorded: Path) -> None:
+    before = sha256(recorded)
+    assert main(["simulate", "arch", "-o", str(recorded)]) == 2
+    assert sha256(recorded) == before
+
+
+def test_missing_mujoco_is_told_with_its_cure(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in [n for n in sys.modules if n.startswith("heightmap25d_ros.simulation")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.delattr("heightmap25d_ros.simulation", raising=False)
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    assert main(["simulate", "room", "-o", str(tmp_path / "bag")]) == 2
+    error = capsys.readouterr().err
+    assert "pip install 'mujoco" in error
+    assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize("world", sorted(BUILDERS))
+def test_committed_bag_is_mapped_without_drops(
+    world: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = BAGS / f"{world}_1"
+    assert main(["map", str(bag), "-o", str(tmp_path / "map"), "--json"]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert figures["dropped"] == figures["damaged"] == {}
+    with AnyReader([bag]) as reader:
+        counts = {c.topic: c.msgcount for c in reader.connections}
+    assert figures["merged"]["scans"] == counts["/scan"] + counts["/scan_down"]
+
+
+@pytest.mark.parametrize("world", sorted(BUILDERS))
+def test_truth_holds_together(world: str) -> None:
+    with np.load(BAGS / f"{world}_1" / "truth" / "surface.npz") as surface:
+        top, seen, ground = surface["top"], surface["seen"], surface["ground"]
+        resolution, origin = float(surface["resolution"]), surface["origin"]
+    is_seen = np.isfinite(seen)
+    assert 0.3 < is_seen.mean() < 0.95
+    assert (seen <= top + 1e-6)[is_seen].all()
+    assert (ground <= top + 1e-6).all()
+    with np.load(BAGS / f"{world}_1" / "truth" / "goals.npz") as pairs:
+        reachable, observed = pairs["reachable"], pairs["observed"]
+        goal = np.floor((pairs["goal"][:, :2] - origin) / resolution).astype(int)
+    assert reachable.sum() == 20
+    assert (~reachable).sum() == 20
+    assert not observed[~reachable].any()
+    assert is_seen[goal[:, 1], goal[:, 0]].all()
+
+
+def test_box_that_goes_is_marked_and_not_in_the_truth() -> None:
+    with np.load(BAGS / "moving_1" / "truth" / "surface.npz") as surface:
+        gone = np.isfinite(surface["removed_at"])
+        assert 16 <= gone.sum() <= 30  # 0.6 m x 0.5 m
+        assert (surface["top"][gone] == 0.0).all()
+        assert (surface["seen"][gone] < 0.01).all()
+        assert 12.0 < surface["removed_at"][gone].min() < 16.0
+
+
+def test_recordings_stay_small() -> None:
+    assert sum(p.stat().st_size for p in BAGS.rglob("*") if p.is_file()) < 25e6
+
+
+@pytest.mark.parametrize("world", sorted(BUILDERS))
+def test_another_drive_is_another_way_beside_the_first(world: str) -> None:
+    first = recording.world_of(world, 2)
+    assert recording.another_drive(first, 2, 0) is first
+    other = recording.another_drive(first, 2, 1)
+    assert other.solids is first.solids
+    aside = distance_to_way(first.way, other.way[:, 0], other.way[:, 1])
+    assert np.abs(other.way[0]).max() < 1e-9
+    assert 0.08 < aside.max() <= 0.2 + 1e-6
+    with pytest.raises(InputError):
+        recording.another_drive(first, 2, -1)
