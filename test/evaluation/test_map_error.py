@@ -13,7 +13,7 @@ import pytest
 from repository import BAGS
 
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.evaluation.map_error import HeightError
+from heightmap25d_ros.evaluation.map_error import HeightError, evaluate_map
 from heightmap25d_ros.evaluation.truth import Truth, read_truth
 from heightmap25d_ros.grid.height_map import Geometry, HeightMap
 from heightmap25d_ros.params.sections import TraversabilityParams
