@@ -28,6 +28,7 @@ from heightmap25d_ros.mapping.sensor_model import Beams
 from heightmap25d_ros.params.by_name import with_values
 from heightmap25d_ros.params.sections import GridParams, MapperParams, Params
 from heightmap25d_ros.pipelines.mapping import Mapping
+from heightmap25d_ros.pipelines.replay import feed
 
 RAMP = Path(__file__).parent.parent / "bags" / "ramp"
 PAPER_LAYERS = 16  # of the coarse evidence grid that the paper compares with
@@ -117,13 +118,8 @@ def count_numbers() -> dict[str, float]:
     """
     with Bag(RAMP) as bag:
         mapping = Mapping(with_values(Params(), {"intake.scan_topics": bag.scan_topics()}))
-        for event in bag.events(["/tf_static", bag.odometry_topic(), *bag.scan_topics()]):
-            if event.topic == "/tf_static":
-                mapping.take_transforms(event.message, is_static=True)
-            elif event.topic == bag.odometry_topic():
-                mapping.take_odometry(event.message)
-            else:
-                mapping.take_scan(event.topic, event.message)
+        for event in bag.events(["/tf_static", "/odom", *bag.scan_topics()]):
+            feed(mapping, event.topic, event.message)
         mapping.flush()
     height_map, _ = mapping.maps()
     rows, columns = height_map.geometry.shape

@@ -33,6 +33,7 @@ from heightmap25d_ros.mapping import sensor_model
 from heightmap25d_ros.params.by_name import with_values
 from heightmap25d_ros.params.sections import Params, SensorParams
 from heightmap25d_ros.pipelines.mapping import Mapping
+from heightmap25d_ros.pipelines.replay import feed
 from heightmap25d_ros.pipelines.scan_queue import Reading
 from heightmap25d_ros.terrain.traversability import to_obstacle_map
 
@@ -272,13 +273,7 @@ def watched(
         iy, ix = mapping.grid.geometry.cell_at(geometry.cell_center((0, 0)))
         area = Area(int(iy), int(ix), *geometry.shape)
         for event in bag.events([*topics, "/odom", "/tf_static"]):
-            if event.topic == "/odom":
-                readings = mapping.take_odometry(event.message)
-            elif event.topic == "/tf_static":
-                readings = mapping.take_transforms(event.message, is_static=True)
-            else:
-                readings = mapping.take_scan(event.topic, event.message)
-            for reading in readings:
+            for reading in feed(mapping, event.topic, event.message):
                 heights = mapping.grid.read(settings.mapper.probability_threshold, area)
                 above = heights.height * HEIGHT_RESOLUTION - ground
                 seconds = (reading.scan.stamp_ns - EPOCH_NS) / 1e9

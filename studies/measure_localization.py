@@ -34,6 +34,7 @@ from heightmap25d_ros.params.by_name import with_values
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.localization import Localizer
 from heightmap25d_ros.pipelines.mapping import Mapping
+from heightmap25d_ros.pipelines.replay import feed
 from heightmap25d_ros.simulation import recording
 
 WORLDS = ("room", "ramp", "rough", "street")
@@ -95,12 +96,7 @@ def mapped(events: Sequence[Event], odom_topic: str, params: Params = PARAMS) ->
     """A map with the poses of a topic."""
     mapping = Mapping(params)
     for event in events:
-        if event.topic in params.intake.scan_topics:
-            mapping.take_scan(event.topic, event.message)
-        elif event.topic == odom_topic:
-            mapping.take_odometry(event.message)
-        elif event.topic == "/tf_static":
-            mapping.take_transforms(event.message, is_static=True)
+        feed(mapping, event.topic, event.message, odom_topic)
     mapping.flush()
     return mapping.maps()[0]
 
@@ -108,12 +104,8 @@ def mapped(events: Sequence[Event], odom_topic: str, params: Params = PARAMS) ->
 def localized(events: Sequence[Event], localizer: Localizer) -> Run:
     run = Run([], [], [], [], [], State.DEGRADED)
     for event in events:
-        if event.topic in localizer.scan_topics:
-            run.attempts += localizer.take_scan(event.topic, event.message)
-        elif event.topic == "/tf_static":
-            run.attempts += localizer.take_transforms(event.message, is_static=True)
-        elif event.topic == "/odom":
-            run.attempts += localizer.take_odometry(event.message)
+        run.attempts += feed(localizer, event.topic, event.message)
+        if event.topic == "/odom":
             pose = localizer.pose
             assert pose is not None
             run.stamps.append(pose.stamp_ns)
@@ -275,19 +267,14 @@ def kidnap(
     begin = rng.uniform(events[0].stamp_ns, last - 8e9)
     way, before = 0.0, None
     for event in events:
-        if event.topic == "/tf_static":
-            localizer.take_transforms(event.message, is_static=True)
+        if event.topic != "/tf_static" and event.stamp_ns < begin:
             continue
-        if event.stamp_ns < begin or event.topic == "/ground_truth":
-            continue
+        attempts = feed(localizer, event.topic, event.message)
         if event.topic == "/odom":
-            attempts = localizer.take_odometry(event.message)
             p = event.message.pose.pose.position
             here = np.array([p.x, p.y])
             way += 0.0 if before is None else float(np.linalg.norm(here - before))
             before = here
-        else:
-            attempts = localizer.take_scan(event.topic, event.message)
         # What it believed at first may track for a moment; a search must have ended.
         if (
             attempts

@@ -25,7 +25,7 @@ from heightmap25d_ros.evaluation.truth import TrueGround, read_goals, read_groun
 from heightmap25d_ros.io import map_directory
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.planning.graph import transition_graph
-from heightmap25d_ros.planning.plan import Plan, Pose2D, Status
+from heightmap25d_ros.planning.plan import Plan, Pose2D
 from heightmap25d_ros.planning.planner import Planner
 
 
@@ -79,14 +79,14 @@ def measure(bag: Path, directory: Path, params: Params, tally: Tally) -> None:
         planner.plan(Pose2D(*start), Pose2D(*goal), is_robot_there=False)
         for start, goal in zip(goals.start.tolist(), goals.goal.tolist(), strict=True)
     ]
-    is_found = np.array([plan.status is Status.NONE for plan in plans])
+    is_found = np.array([plan.found for plan in plans])
     tally.observed += int(goals.observed.sum())
     tally.found += int((is_found & goals.observed).sum())
     tally.unreachable += int((~goals.reachable).sum())
     tally.refused += int((~is_found & ~goals.reachable).sum())
     tally.milliseconds += [1e3 * plan.seconds for plan in plans]
     for plan in plans:
-        if plan.status is Status.NONE:
+        if plan.found:
             met = driven(ground, plan, params)
             tally.paths += 1
             tally.worst_step = max(tally.worst_step, met.largest_step)

@@ -29,6 +29,7 @@ from heightmap25d_ros.mapping.sensor_model import Beams, Scan
 from heightmap25d_ros.params.by_name import with_values
 from heightmap25d_ros.params.sections import GridParams, MapperParams, Params, SensorParams
 from heightmap25d_ros.pipelines.mapping import Mapping
+from heightmap25d_ros.pipelines.replay import feed
 from heightmap25d_ros.terrain.traversability import blocked_transitions, to_obstacle_map
 from heightmap25d_ros.viz import map_figures
 
@@ -221,12 +222,7 @@ def map_bag(settings: Params) -> Drive:
         mapping = Mapping(with_values(settings, {"intake.scan_topics": topics}))
         readings = []
         for event in bag.events([*topics, "/odom", "/tf_static"]):
-            if event.topic == "/odom":
-                readings += mapping.take_odometry(event.message)
-            elif event.topic == "/tf_static":
-                readings += mapping.take_transforms(event.message, is_static=True)
-            else:
-                readings += mapping.take_scan(event.topic, event.message)
+            readings += feed(mapping, event.topic, event.message)
         readings += mapping.flush()
     return Drive(
         beams=[

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a node lacks, told from plain values."""
+"""What keeps a node from its work, found from plain values."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MS = 10**6
 TROUBLESHOOTING = ROOT / "docs" / "troubleshooting.md"
 
 
-def heard(topic="/scan", publishers=1, incompatible=(), received=10, is_needed=True):
+def received(topic="/scan", publishers=1, incompatible=(), received=10, is_needed=True):
     return Input(
         topic=topic,
         publishers=publishers,
@@ -36,45 +36,45 @@ def heard(topic="/scan", publishers=1, incompatible=(), received=10, is_needed=T
     )
 
 
-def lacks(*inputs, scans=100, dropped=None, clock_ns=None, flat_poses=0):
+def problems(*inputs, scans=100, dropped=None, clock_ns=None, flat_poses=0):
     observed = Observed(
         inputs=inputs, scans=scans, dropped=dropped or {}, clock_ns=clock_ns, flat_poses=flat_poses
     )
-    return [(finding.lack, finding.detail) for finding in findings(observed)]
+    return [(finding.problem, finding.detail) for finding in findings(observed)]
 
 
 def test_nothing_is_missing_where_all_comes():
-    assert lacks(heard(), heard("/odom"), clock_ns=(5, 6), flat_poses=FLAT_FROM - 1) == []
+    assert problems(received(), received("/odom"), clock_ns=(5, 6), flat_poses=FLAT_FROM - 1) == []
 
 
 @pytest.mark.parametrize(
-    ("lacking", "lack", "detail"),
+    ("lacking", "problem", "detail"),
     [
-        (heard(publishers=0, received=0), Problem.NO_PUBLISHER, "/scan"),
-        (heard(received=0), Problem.SILENT, "/scan"),
+        (received(publishers=0, received=0), Problem.NO_PUBLISHER, "/scan"),
+        (received(received=0), Problem.SILENT, "/scan"),
         (
-            heard(incompatible=("/driver: best effort",), received=0),
+            received(incompatible=("/driver: best effort",), received=0),
             Problem.INCOMPATIBLE,
             "/scan: /driver: best effort",
         ),
     ],
 )
-def test_a_topic_that_brings_nothing_is_told_with_its_cause_only(lacking, lack, detail):
-    assert lacks(lacking, heard("/odom")) == [(lack, detail)]
+def test_a_topic_that_brings_nothing_is_named_with_its_cause_only(lacking, problem, detail):
+    assert problems(lacking, received("/odom")) == [(problem, detail)]
 
 
 def test_topics_that_need_not_be_there_are_told_only_where_somebody_publishes_in_vain():
     optional = {"topic": "/pose_correction", "received": 0, "is_needed": False}
-    assert lacks(heard(publishers=0, **optional), heard(**optional)) == []
-    assert [lack for lack, _ in lacks(heard(incompatible=("/a: no",), **optional))] == [
+    assert problems(received(publishers=0, **optional), received(**optional)) == []
+    assert [problem for problem, _ in problems(received(incompatible=("/a: no",), **optional))] == [
         Problem.INCOMPATIBLE
     ]
 
 
 def test_a_clock_that_stands_is_told_and_one_that_is_not_used_is_not():
-    assert lacks(clock_ns=(0, 0))[0][0] is Problem.CLOCK
-    assert lacks(clock_ns=(7 * 10**9, 7 * 10**9))[0][1].endswith("/clock stands at 7")
-    assert lacks(clock_ns=None) == []
+    assert problems(clock_ns=(0, 0))[0][0] is Problem.CLOCK
+    assert problems(clock_ns=(7 * 10**9, 7 * 10**9))[0][1].endswith("/clock stands at 7")
+    assert problems(clock_ns=None) == []
 
 
 def dropped_by_mapping(*, with_odometry, with_mount):
@@ -96,38 +96,40 @@ def dropped_by_mapping(*, with_odometry, with_mount):
         (True, False, [Problem.UNKNOWN_MOUNT]),
     ],
 )
-def test_scans_that_are_dropped_tell_what_they_lacked(with_odometry, with_mount, expected):
+def test_scans_that_are_dropped_name_what_was_missing(with_odometry, with_mount, expected):
     dropped = dropped_by_mapping(with_odometry=with_odometry, with_mount=with_mount)
-    found = lacks(heard(), dropped=dropped)
-    assert [lack for lack, _ in found] == expected
+    found = problems(received(), dropped=dropped)
+    assert [problem for problem, _ in found] == expected
     assert all("scan: without" in detail for _, detail in found)
 
 
-def test_some_scans_that_come_before_everything_else_are_no_lack():
+def test_some_scans_that_come_before_everything_else_are_no_problem():
     early = {"scan: before the odometry": 15}
-    assert lacks(heard(), scans=100, dropped=early) == []
-    assert [lack for lack, _ in lacks(heard(), scans=50, dropped=early)] == [Problem.NO_ODOMETRY]
+    assert problems(received(), scans=100, dropped=early) == []
+    assert [problem for problem, _ in problems(received(), scans=50, dropped=early)] == [
+        Problem.NO_ODOMETRY
+    ]
 
 
-def test_other_drops_are_not_taken_for_a_lack():
+def test_other_drops_are_not_taken_for_a_problem():
     reasons = ("odometry: of 'x', not of 'base_link'", "scan: bad ranges", "scan: out of order")
-    assert lacks(heard(), dropped=Counter(reasons)) == []
+    assert problems(received(), dropped=Counter(reasons)) == []
 
 
 def test_odometry_is_flat_only_where_it_never_left_the_plane():
     flat, rising, tilted = Flatness(), Flatness(), Flatness()
     for step in range(FLAT_FROM):
         turned = (0.0, 0.0, math.sin(step), math.cos(step))
-        flat.see(odometry(step * MS, (0.1 * step, 0.0, 0.0), turned))
-        rising.see(odometry(step * MS, (0.0, 0.0, 1e-6 if step == 3 else 0.0)))
+        flat.observe(odometry(step * MS, (0.1 * step, 0.0, 0.0), turned))
+        rising.observe(odometry(step * MS, (0.0, 0.0, 1e-6 if step == 3 else 0.0)))
         pose = odometry(step * MS, (0.0, 0.0, 0.0))
         pose.pose.pose.orientation.x = -1e-9 * step
-        tilted.see(pose)
+        tilted.observe(pose)
     assert (flat.poses, rising.poses, tilted.poses) == (FLAT_FROM, 0, 0)
-    assert lacks(flat_poses=flat.poses)[0][0] is Problem.FLAT
+    assert problems(flat_poses=flat.poses)[0][0] is Problem.FLAT
 
 
-@pytest.mark.parametrize("lack", Problem)
-def test_every_message_is_explained(lack):
+@pytest.mark.parametrize("problem", Problem)
+def test_every_message_is_explained(problem):
     headings = [line for line in TROUBLESHOOTING.read_text().splitlines() if line[:3] == "## "]
-    assert [heading for heading in headings if lack.value in heading.lower()] != []
+    assert [heading for heading in headings if problem.value in heading.lower()] != []

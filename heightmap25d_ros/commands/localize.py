@@ -28,7 +28,7 @@ from heightmap25d_ros.localization.surface import surface_of
 from heightmap25d_ros.localization.tracker import Attempt
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.localization import Localizer, compile_kernels
-from heightmap25d_ros.pipelines.replay import reasons, replayed, with_scan_topics
+from heightmap25d_ros.pipelines.replay import replayed, with_scan_topics
 from heightmap25d_ros.viz import localization_figures
 
 Trajectory = list[tuple[int, se3.Matrix]]
@@ -94,7 +94,8 @@ def _localize(options: argparse.Namespace) -> Figures:
         truth = _truth(bag, settings)
         duration = bag.duration
     if not attempts:
-        raise InputError(f"{options.bag}: nothing to register; {reasons(localizer.dropped)}")
+        reasons = str(localizer.dropped) or "the bag has no scans"
+        raise InputError(f"{options.bag}: nothing to register; {reasons}")
     T_map_odom = corrected[0][1] @ se3.inverse(odometry[0][1])
     odometry = [(stamp, T_map_odom @ T) for stamp, T in odometry]
     options.output.mkdir(parents=True, exist_ok=True)

@@ -26,7 +26,7 @@ from heightmap25d_ros.params.by_name import with_values
 from heightmap25d_ros.params.sections import MapperParams, Params
 from heightmap25d_ros.params.spec import specs
 from heightmap25d_ros.pipelines.mapping import Mapping, compile_kernels
-from heightmap25d_ros.pipelines.replay import reasons, replayed, with_scan_topics
+from heightmap25d_ros.pipelines.replay import replayed, with_scan_topics
 
 
 def add_to(commands: Any) -> None:
@@ -60,7 +60,8 @@ def _map(options: argparse.Namespace) -> Figures:
         seconds = time.perf_counter() - began
         duration = bag.duration
     if not scan_ms:
-        raise InputError(f"{options.bag}: no scan could be mapped; {reasons(mapping.dropped)}")
+        reasons = str(mapping.dropped) or "the bag has none"
+        raise InputError(f"{options.bag}: no scan could be mapped; {reasons}")
     frame = settings.mapping.map_frame
     map_directory.save(options.output, height_map, obstacle_map, frame, trajectory)
     p50, p95, p99 = np.percentile(scan_ms, [50, 95, 99])

@@ -16,10 +16,8 @@ from heightmap25d_ros.commands.common import Figures, NegativeResultError, add_c
 from heightmap25d_ros.evaluation.path_drivability import evaluate_path
 from heightmap25d_ros.evaluation.truth import read_ground
 from heightmap25d_ros.io import map_directory, trajectory
-from heightmap25d_ros.pipelines.planning import compile_kernels
-from heightmap25d_ros.planning.graph import transition_graph
-from heightmap25d_ros.planning.plan import Plan, Pose2D, Status
-from heightmap25d_ros.planning.planner import Planner
+from heightmap25d_ros.pipelines.planning import Planning, compile_kernels
+from heightmap25d_ros.planning.plan import Plan, Pose2D
 from heightmap25d_ros.viz import plan_figure
 
 PLAN_TUM, PLAN_PNG = "plan.tum", "plan.png"
@@ -59,12 +57,12 @@ def _plan(options: argparse.Namespace) -> Figures:
     settings = read_params(options, "planning")
     height_map = map_directory.load(options.map, settings.mapper.probability_threshold).height_map
     compile_kernels(settings)  # not what is timed
-    graph = transition_graph(height_map, settings.traversability, settings.planner)
-    planner = Planner(graph, settings.traversability, settings.planner)
-    plan = planner.plan(options.start, options.goal, is_robot_there=False)
+    planning = Planning(settings)
+    planning.set_map(height_map)
+    plan = planning.plan_between(options.start, options.goal)
     options.output.mkdir(parents=True, exist_ok=True)
     paths = [options.output / name for name in (PLAN_TUM, PLAN_PNG)]
-    if plan.status is not Status.NONE:
+    if not plan.found or plan.graph is None:
         for path in paths:
             path.unlink(missing_ok=True)  # of an earlier plan
         raise NegativeResultError(_figures(plan), EXIT_NO_PATH)
@@ -73,7 +71,7 @@ def _plan(options: argparse.Namespace) -> Figures:
         paths[0],
         [(round(d * 1e9), T) for d, T in zip(distance, plan.poses, strict=True)],
     )
-    plan_figure.draw(paths[1], height_map, graph, plan, settings.planner)
+    plan_figure.draw(paths[1], height_map, plan.graph, plan, settings.planner)
     figures = {**_figures(plan), "path": str(paths[0]), "picture": str(paths[1])}
     if options.truth:
         xyz_rpy = se3.to_xyz_rpy(plan.poses)
@@ -88,7 +86,7 @@ def _plan(options: argparse.Namespace) -> Figures:
 
 def _figures(plan: Plan) -> Figures:
     found: Figures = {"status": plan.status.name, "reason": plan.reason}
-    if plan.status is Status.NONE:
+    if plan.found:
         found |= {
             "length [m]": round(plan.length, 3),
             "climb [m]": round(plan.climb, 3),

@@ -134,15 +134,17 @@ def odometry(message: Any) -> Odometry:
     )
 
 
-def height_map(message: Any) -> HeightMap:
-    """`HeightMap` of a heightmap25d_msgs/HeightGrid.
+def height_map(message: Any, frame_id: str | None = None) -> HeightMap:
+    """`HeightMap` of a heightmap25d_msgs/HeightGrid, which must be in a frame if one is given.
 
     Raises
     ------
     InputError
-        If its geometry is not that of a grid along the axes, the arrays do not go with it, or the
-        heights are in another unit.
+        If it is in another frame, its geometry is not that of a grid along the axes, the arrays do
+        not go with it, or the heights are in another unit.
     """
+    if frame_id is not None:
+        require_frame(message.header, frame_id)
     geometry = _geometry(message.info)
     if not math.isclose(message.height_resolution, HEIGHT_RESOLUTION, rel_tol=1e-5):
         raise InputError(
@@ -182,19 +184,17 @@ def _geometry(info: Any) -> Geometry:
     )
 
 
-def pose_in(message: Any, frame_id: str, field: str) -> se3.Matrix:
-    """(4, 4) matrix of a geometry_msgs/PoseStamped that must be in a frame.
+def pose_in(message: Any, frame_id: str) -> se3.Matrix:
+    """(4, 4) matrix of a geometry_msgs/PoseStamped or PoseWithCovarianceStamped in a frame.
 
     Raises
     ------
     InputError
         If it is in another one; and for what `pose` refuses.
     """
-    try:
-        require_frame(message.header, frame_id)
-        return pose(message.pose, "pose")
-    except InputError as error:
-        raise InputError(f"{field}.{error}") from None
+    require_frame(message.header, frame_id)
+    nested = message.pose
+    return pose(nested.pose, "pose.pose") if hasattr(nested, "pose") else pose(nested, "pose")
 
 
 def require_frame(header: Any, frame_id: str) -> None:

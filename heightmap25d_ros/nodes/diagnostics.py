@@ -1,27 +1,25 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a node tells of itself: the self-check after its activation, and /diagnostics."""
+"""The self-check after a node's activation, and its reports on /diagnostics."""
 
 from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock, ClockType
-from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
+from rclpy.qos import QoSCompatibility, qos_check_compatible
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import LaserScan
 
+from heightmap25d_ros.nodes.interface import Input as Interface
 from heightmap25d_ros.nodes.self_check import Finding, Flatness, Input, Observed, findings
-
-if TYPE_CHECKING:
-    from heightmap25d_ros.nodes.lifecycle import ManagedNode
+from heightmap25d_ros.pipelines.drops import Drops
 
 PERIOD = 1.0
 """Between two messages on /diagnostics [s]."""
@@ -32,9 +30,35 @@ SETTLED = 5.0
 _PAGE = os.sysconf("SC_PAGE_SIZE")
 
 
+class Reporting(Protocol):
+    """What `Diagnostics` needs to know of a node, besides what all nodes have."""
+
+    @property
+    def is_configured(self) -> bool:
+        """Whether there is anything to report."""
+
+    @property
+    def state_label(self) -> str:
+        """State of the lifecycle."""
+
+    @property
+    def dropped(self) -> Drops:
+        """What was not used."""
+
+    @property
+    def failures(self) -> tuple[int, str]:
+        """How many callbacks ended with an exception, and the newest one."""
+
+    def figures(self) -> dict[str, Any]:
+        """Further values of the report."""
+
+    def trouble(self) -> str:
+        """What stops the node from doing its work, or nothing."""
+
+
 @dataclass(slots=True)
-class _Heard:
-    """A subscription, and how much came on it since the activation."""
+class _Counted:
+    """A subscription, and how many messages came since the activation."""
 
     subscription: Subscription
     is_needed: bool
@@ -43,16 +67,16 @@ class _Heard:
 
 
 class Diagnostics:
-    """Subscribes for a node, and tells what comes and what does not.
+    """Subscribes for a node, and reports what comes and what does not.
 
     Parameters
     ----------
-    node : ManagedNode
-        Asked for its ``figures`` and for what it ``dropped`` while it is configured.
+    node : rclpy.node.Node, and Reporting
     """
 
-    def __init__(self, node: ManagedNode) -> None:
+    def __init__(self, node: Any) -> None:
         self._node = node
+        self._reporting: Reporting = node
         self._wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._counted_at = time.monotonic()
@@ -60,41 +84,32 @@ class Diagnostics:
         self.deactivate()
         node.create_timer(PERIOD, self._publish, clock=self._wall_clock)
 
-    def subscribe(
-        self,
-        kind: Any,
-        topic: str,
-        callback: Callable[[Any], Any],
-        profile: QoSProfile | int,
-        *,
-        is_needed: bool,
-    ) -> None:
-        """Subscribe, and count what comes."""
+    def subscribe(self, entry: Interface) -> None:
+        """Subscribe to an input of the node, and count what comes."""
 
-        def hear(message: Any) -> None:
-            heard.received += 1
-            callback(message)
+        def take(message: Any) -> None:
+            counted.received += 1
+            if entry.kind is Odometry:
+                self._flatness.observe(message)
+            entry.callback(message)
 
-        def hear_odometry(message: Any) -> None:
-            self._flatness.see(message)
-            hear(message)
-
-        hearing = hear_odometry if kind is Odometry else hear
-        subscription = self._node.create_subscription(kind, topic, hearing, profile)
-        heard = _Heard(subscription, is_needed)
-        self._inputs.append(heard)
+        subscription = self._node.create_subscription(entry.kind, entry.topic, take, entry.profile)
+        counted = _Counted(subscription, entry.is_needed)
+        self._inputs.append(counted)
 
     def activate(self) -> None:
-        """Everything is subscribed; look around in a while."""
-        self._settling = self._node.create_timer(SETTLED, self._tell, clock=self._wall_clock)
+        """Everything is subscribed; check after a while what comes."""
+        self._settling = self._node.create_timer(
+            SETTLED, self._log_findings, clock=self._wall_clock
+        )
 
     def deactivate(self) -> None:
         """Nothing is subscribed any more."""
-        self._inputs: list[_Heard] = []
+        self._inputs: list[_Counted] = []
         self._flatness = Flatness()
         self._is_settled = False
 
-    def _tell(self) -> None:
+    def _log_findings(self) -> None:
         self._settling.cancel()
         self._is_settled = True
         found = "; ".join(map(str, self._findings()))
@@ -111,30 +126,33 @@ class Diagnostics:
             Observed(
                 inputs=tuple(map(self._input, self._inputs)),
                 scans=sum(h.received for h in self._inputs if h.subscription.msg_type is LaserScan),
-                dropped=self._node.dropped,
+                dropped=self._reporting.dropped,
                 clock_ns=self._clock_ns if is_simulated else None,
                 flat_poses=self._flatness.poses,
             )
         )
 
-    def _input(self, heard: _Heard) -> Input:
-        subscription = heard.subscription
+    def _input(self, counted: _Counted) -> Input:
+        subscription = counted.subscription
         publishers = self._node.get_publishers_info_by_topic(subscription.topic_name)
         faults = (_incompatible(publisher, subscription) for publisher in publishers)
         return Input(
             topic=subscription.topic_name,
             publishers=len(publishers),
             incompatible=tuple(filter(None, faults)),
-            received=heard.received,
-            is_needed=heard.is_needed,
+            received=counted.received,
+            is_needed=counted.is_needed,
         )
 
     def _publish(self) -> None:
         now = self._node.get_clock().now()
         self._clock_ns = self._clock_ns[1], now.nanoseconds
         found = [str(finding) for finding in self._findings()]
-        state, level = self._node.state_label, DiagnosticStatus.OK
-        trouble = self._node.trouble() if self._node.is_configured else ""
+        state, level = self._reporting.state_label, DiagnosticStatus.OK
+        trouble = self._reporting.trouble() if self._reporting.is_configured else ""
+        failures, failure = self._reporting.failures
+        if failures:
+            trouble = "; ".join(filter(None, [trouble, f"{failures} callbacks failed: {failure}"]))
         if trouble:
             level = DiagnosticStatus.ERROR
             found.insert(0, trouble)
@@ -147,23 +165,33 @@ class Diagnostics:
             hardware_id=self._node.get_namespace(),
         )
         values: dict[str, Any] = {"state": state, **self._rates()}
-        if self._node.is_configured:
-            values |= self._node.figures()
-            values |= {f"dropped: {reason}": n for reason, n in self._node.dropped.items()}
+        if self._reporting.is_configured:
+            values |= self._reporting.figures()
+            values |= self._dropped()
         values["memory of the process [MB]"] = round(_resident_bytes() / 1e6, 1)
         status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
         array = DiagnosticArray(status=[status])
         array.header.stamp = now.to_msg()
         self._publisher.publish(array)
 
+    def _dropped(self) -> dict[str, str]:
+        dropped = self._reporting.dropped
+        return {
+            f"dropped: {reason}": f"{count} {dropped.examples.get(reason, '')}".strip()
+            for reason, count in dropped.items()
+        }
+
     def _rates(self) -> dict[str, float]:
         """Messages a second on each topic since the last time [Hz]."""
         now = time.monotonic()
         seconds, self._counted_at = now - self._counted_at, now
         rates = {}
-        for heard in self._inputs:
-            count, heard.received_before = heard.received - heard.received_before, heard.received
-            rates[f"{heard.subscription.topic_name} [Hz]"] = round(count / seconds, 1)
+        for counted in self._inputs:
+            count, counted.received_before = (
+                counted.received - counted.received_before,
+                counted.received,
+            )
+            rates[f"{counted.subscription.topic_name} [Hz]"] = round(count / seconds, 1)
         return rates
 
 

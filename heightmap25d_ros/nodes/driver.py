@@ -31,7 +31,7 @@ class DriverNode(Node):
 
     def __init__(self) -> None:
         super().__init__("driver", automatically_declare_parameters_from_overrides=True)
-        self._base_frame = parameters.declare_params(self).intake.base_frame
+        self._base_frame = parameters.declare_params(self, ["intake.base_frame"]).intake.base_frame
         self._T_map_odom = np.eye(4)
         self._driver: Driver | None = None
         self._outlet = self.create_publisher(Twist, "cmd_vel", 10)

@@ -1,72 +1,99 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Managed nodes: their life begins by itself or at a manager's word, and can begin again."""
+"""Managed nodes, which configure and activate themselves or wait for a lifecycle manager."""
 
 from __future__ import annotations
 
+import functools
 import traceback
-from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import NameValidationException
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from rclpy.qos import QoSProfile
+from rclpy.publisher import Publisher
+from rclpy.timer import Timer
 
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.nodes import parameters
 from heightmap25d_ros.nodes.diagnostics import Diagnostics
+from heightmap25d_ros.nodes.interface import Input, Output, Service
 from heightmap25d_ros.params.sections import Params
+from heightmap25d_ros.pipelines.drops import Drops
 
 REPORT_PERIOD = 5.0
-"""Between two lines about dropped messages [s]."""
+"""Between two log lines about dropped messages [s]."""
 
 
 class ManagedNode(LifecycleNode):
     """A managed node that configures and activates itself, unless ``autostart`` is false.
 
-    A subclass makes its core, its publishers and services in `set_up`, its subscriptions and
-    timers in `start`. Whatever these make is destroyed when the node is cleaned up or
-    deactivated, so that an inactive node hears nothing.
+    A subclass names its topics and services in `inputs`, `outputs` and `offered_services`, and
+    makes its pipeline in `set_up`. Publishers and services exist while the node is configured,
+    subscriptions and timers while it is active. No exception of a callback ends the node: it is
+    logged, counted on /diagnostics, and the node goes on with the next message.
+
+    Parameters
+    ----------
+    name : str
+    sections : sequence of str
+        The sections of `Params` that the node uses: these are its ROS parameters.
 
     Attributes
     ----------
     params : Params
     is_configured : bool
         Whether there is what `set_up` makes.
+    publishers_by_topic : dict of str to Publisher
+        Those of `outputs`, while the node is configured.
     """
 
-    def __init__(self, name: str) -> None:
+    _failures = 0
+    _last_failure = ""
+
+    def __init__(self, name: str, sections: Sequence[str]) -> None:
         super().__init__(name, automatically_declare_parameters_from_overrides=True)
-        self.params = parameters.declare_params(self)
-        parameters.follow_changes(self, self.params, self._take_params)
+        self.params = parameters.declare_params(self, sections)
+        parameters.follow_changes(self, self.params, sections, self._take_params)
         self._fault = ""
         self._reported = 0
         self.is_configured = False
+        self.publishers_by_topic: dict[str, Publisher] = {}
         self._diagnostics = Diagnostics(self)
         self._older_than: dict[str, set[Any]] = {}
-        # rclpy lets the exception of a transition that is not possible now end the process.
-        change_state = self._service_change_state.callback
+        # A transition that is not possible now is refused; it is no failure of the node.
+        change_state = self._service_change_state.callback.__wrapped__
         self._service_change_state.callback = lambda request, response: _or_refused(
             change_state, request, response
         )
 
+    def inputs(self) -> list[Input]:
+        """What the node subscribes to."""
+        raise NotImplementedError
+
+    def outputs(self) -> list[Output]:
+        """What the node publishes."""
+        raise NotImplementedError
+
+    def offered_services(self) -> list[Service]:
+        """What the node answers."""
+        return []
+
     def set_up(self) -> None:
-        """Make what there is while the node is configured: core, publishers, services."""
+        """Make the pipeline, from `params`."""
         raise NotImplementedError
 
     def start(self) -> None:
-        """Make what there is while the node is active: subscriptions, timers."""
-        raise NotImplementedError
+        """Make timers, and publish what is known at the start. Subscriptions are made already."""
 
     @property
-    def dropped(self) -> Counter[str]:
+    def dropped(self) -> Drops:
         """How many messages were not used, by reason. The node is configured."""
         raise NotImplementedError
 
     def figures(self) -> dict[str, Any]:
-        """What /diagnostics shall tell besides rates and drops. The node is configured."""
+        """What /diagnostics reports besides rates and drops. The node is configured."""
         raise NotImplementedError
 
     def trouble(self) -> str:
@@ -77,19 +104,7 @@ class ManagedNode(LifecycleNode):
         """`params` have changed; the node is configured."""
 
     def finish(self) -> None:
-        """The core is about to be given up: keep what must be kept. The node is configured."""
-
-    def subscribe(
-        self,
-        kind: Any,
-        topic: str,
-        callback: Callable[[Any], Any],
-        profile: QoSProfile | int,
-        *,
-        is_needed: bool = False,
-    ) -> None:
-        """Subscribe in `start`; the self-check complains where a needed topic is silent."""
-        self._diagnostics.subscribe(kind, topic, callback, profile, is_needed=is_needed)
+        """The pipeline is about to be given up: save what must be kept. The node is configured."""
 
     @property
     def state_label(self) -> str:
@@ -98,8 +113,25 @@ class ManagedNode(LifecycleNode):
 
     @property
     def is_active(self) -> bool:
-        """Whether there is what `start` makes."""
+        """Whether the node subscribes and publishes."""
         return self.state_label == "active"
+
+    @property
+    def failures(self) -> tuple[int, str]:
+        """How many callbacks ended with an exception, and the newest one."""
+        return self._failures, self._last_failure
+
+    def publish(self, topic: str, message: Any) -> None:
+        """Publish on one of the `outputs`."""
+        self.publishers_by_topic[topic].publish(message)
+
+    def has_subscribers(self, topic: str) -> bool:
+        """Whether anybody subscribes to one of the `outputs`."""
+        return bool(self.publishers_by_topic[topic].get_subscription_count())
+
+    def create_wall_timer(self, period: float, callback: Callable[[], Any]) -> Timer:
+        """A timer [s] of the machine's clock, however fast a bag is replayed."""
+        return self.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def begin(self) -> None:
         """Configure and activate, unless that is left to a manager.
@@ -116,14 +148,14 @@ class ManagedNode(LifecycleNode):
                 raise InputError(self._fault)
 
     def end(self) -> None:
-        """Give up the core, whatever state the node is in; what must be kept is kept."""
+        """Give up the pipeline, whatever state the node is in; what must be kept is saved."""
         if self.is_configured:
             self.is_configured = False
             self.finish()
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Inactive afterwards."""
-        fault = self._tried(self.set_up)
+        fault = self._tried(self._configure)
         self.is_configured = fault is None
         self._reported = 0
         return fault or super().on_configure(state)
@@ -131,45 +163,92 @@ class ManagedNode(LifecycleNode):
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Active afterwards."""
         super().on_activate(state)
-        fault = self._tried(self._start)
+        fault = self._tried(self._activate)
         if fault is not None:
             super().on_deactivate(state)
         return fault or TransitionCallbackReturn.SUCCESS
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Inactive afterwards."""
-        self._stop()
+        self._deactivate()
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Unconfigured afterwards."""
         self.end()
-        self._destroy_newer("set_up")
+        self._destroy_newer("_configure")
         return super().on_cleanup(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Finalized afterwards, from whatever state."""
-        self._stop()
+        self._deactivate()
         self.end()
-        self._destroy_newer("set_up")
+        self._destroy_newer("_configure")
         return super().on_shutdown(state)
 
-    def _start(self) -> None:
+    def create_subscription(
+        self, kind: Any, topic: str, callback: Callable[..., Any], *arguments: Any, **options: Any
+    ) -> Any:
+        """As of `rclpy.node.Node`, with a callback that cannot end the node."""
+        return super().create_subscription(
+            kind, topic, self._guarded(callback), *arguments, **options
+        )
+
+    def create_service(
+        self, kind: Any, name: str, callback: Callable[..., Any], *arguments: Any, **options: Any
+    ) -> Any:
+        """As of `rclpy.node.Node`, with a callback that cannot end the node."""
+        return super().create_service(kind, name, self._guarded(callback), *arguments, **options)
+
+    def create_timer(
+        self, period: float, callback: Callable[..., Any], *arguments: Any, **options: Any
+    ) -> Any:
+        """As of `rclpy.node.Node`, with a callback that cannot end the node."""
+        return super().create_timer(period, self._guarded(callback), *arguments, **options)
+
+    def _guarded(self, callback: Callable[..., Any]) -> Callable[..., Any]:
+        """The callback; what it raises is logged and counted, and does not reach the executor."""
+
+        @functools.wraps(callback)
+        def guarded(*arguments: Any) -> Any:
+            try:
+                return callback(*arguments)
+            except Exception as error:
+                self._failures += 1
+                failure = f"{type(error).__name__}: {error}"
+                if failure != self._last_failure:  # of many alike the first one tells all
+                    self.get_logger().error(f"{failure}\n{traceback.format_exc()}")
+                self._last_failure = failure
+                # A service's callback must return the response, which says no unless it was filled.
+                return arguments[1] if len(arguments) > 1 else None
+
+        return guarded
+
+    def _configure(self) -> None:
+        self.set_up()
+        self.publishers_by_topic = {
+            output.topic: self.create_lifecycle_publisher(output.kind, output.topic, output.profile)
+            for output in self.outputs()
+        }
+        for service in self.offered_services():
+            self.create_service(service.kind, service.name, service.callback)
+
+    def _activate(self) -> None:
+        for entry in self.inputs():
+            self._diagnostics.subscribe(entry)
         self.start()
         self._diagnostics.activate()
-        wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(REPORT_PERIOD, self._report_drops, clock=wall_clock)
+        self.create_wall_timer(REPORT_PERIOD, self._report_drops)
 
-    def _stop(self) -> None:
-        self._destroy_newer("_start")
+    def _deactivate(self) -> None:
+        self._destroy_newer("_activate")
         self._diagnostics.deactivate()
 
     def _report_drops(self) -> None:
         """Warn of messages that were dropped since the last time."""
         dropped = self.dropped
         if dropped.total() > self._reported:
-            reasons = ", ".join(f"{reason} ({count})" for reason, count in dropped.most_common())
-            self.get_logger().warning(f"dropped so far: {reasons}")
+            self.get_logger().warning(f"dropped so far: {dropped}")
         self._reported = dropped.total()
 
     def _tried(self, step: Callable[[], None]) -> TransitionCallbackReturn | None:
@@ -213,6 +292,7 @@ class ManagedNode(LifecycleNode):
 
 
 def _or_refused(change_state: Callable[[Any, Any], Any], request: Any, response: Any) -> Any:
+    """A requested change of state; rclpy raises where it is not possible now."""
     try:
         return change_state(request, response)
     except RuntimeError:

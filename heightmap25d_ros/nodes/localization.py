@@ -5,8 +5,7 @@
 from __future__ import annotations
 
 import sys
-from collections import Counter
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,22 +20,63 @@ from heightmap25d_ros.io import encode, map_directory
 from heightmap25d_ros.localization.tracker import Attempt
 from heightmap25d_ros.localization.tracking_state import State
 from heightmap25d_ros.nodes import qos, runtime
+from heightmap25d_ros.nodes.interface import Input, Output, Service
 from heightmap25d_ros.nodes.lifecycle import ManagedNode
+from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.localization import Localizer, Pose, compile_kernels
 
 
 class LocalizationNode(ManagedNode):
-    """Thin: hands messages to `Localizer`, and publishes what it makes of them.
+    """Hands messages to `Localizer`, and publishes the pose.
 
     Poses are published as odometry comes, ``transform_rate`` times a second of its time, and
     when a registration was made.
     """
 
+    def inputs(self) -> list[Input]:
+        """Lasers, poses, transforms; the long-term map where it does not come from a directory."""
+        scans = [
+            Input(LaserScan, topic, partial(self._on_scan, topic), qos.SCANS, is_needed=True)
+            for topic in self.params.intake.scan_topics
+        ]
+        long_term = Input(
+            HeightGrid, "long_term_grid", self._localizer.take_long_term, qos.LATCHED,
+            is_needed=True,
+        )  # fmt: skip
+        return [
+            *scans,
+            Input(Odometry, "odom", self._on_odometry, qos.POSES, is_needed=True),
+            Input(TFMessage, "/tf", self._on_transforms, qos.POSES),
+            Input(TFMessage, "/tf_static", self._on_static_transforms, qos.STATIC_TRANSFORMS),
+            Input(PoseWithCovarianceStamped, "initialpose", self._on_initial_pose, qos.QUEUE),
+            *([] if self.params.localization.map_directory else [long_term]),
+        ]
+
+    def outputs(self) -> list[Output]:
+        """The pose in three forms, what is registered, and how sure the pose is."""
+        return [
+            Output(PoseWithCovarianceStamped, "pose_correction", qos.QUEUE),
+            Output(PoseWithCovarianceStamped, "pose", qos.QUEUE),
+            Output(TFMessage, "/tf", qos.POSES),
+            Output(HeightGrid, "short_term_grid", qos.LATCHED),
+            Output(LocalizationStatus, "~/status", qos.LATCHED),
+        ]
+
+    def offered_services(self) -> list[Service]:
+        """The search of the whole map."""
+        return [Service(Trigger, "~/relocalize", self._relocalize)]
+
     def __init__(self) -> None:
-        super().__init__("localization")
+        super().__init__(
+            "localization",
+            [
+                "grid", "sensor", "mapper", "intake", "short_term", "registration", "localization",
+                "mapping.map_frame",
+            ],
+        )  # fmt: skip
 
     def set_up(self) -> None:
-        """Make the localizer, with the map of a directory, and what tells of the pose."""
+        """Make the localizer, with the long-term map where it comes from a directory."""
         self._frame = self.params.mapping.map_frame
         self._localizer = Localizer(self.params)
         self._state = State.DEGRADED
@@ -49,42 +89,17 @@ class LocalizationNode(ManagedNode):
                 map_directory.load_in(Path(directory), threshold, self._frame)
             )
         compile_kernels(self.params)
-        self._correction_publisher = self.create_lifecycle_publisher(
-            PoseWithCovarianceStamped, "pose_correction", 10
-        )
-        self._pose_publisher = self.create_lifecycle_publisher(
-            PoseWithCovarianceStamped, "pose", 10
-        )
-        self._transform_publisher = self.create_lifecycle_publisher(TFMessage, "/tf", 100)
-        self._grid_publisher = self.create_lifecycle_publisher(
-            HeightGrid, "short_term_grid", qos.LATCHED
-        )
-        self._status_publisher = self.create_lifecycle_publisher(
-            LocalizationStatus, "~/status", qos.LATCHED
-        )
 
     def start(self) -> None:
-        """Hear the robot, and publish."""
-        for topic in self.params.intake.scan_topics:
-            self.subscribe(LaserScan, topic, self._on_scan_of(topic), qos.SCANS, is_needed=True)
-        self.subscribe(Odometry, "odom", self._on_odometry, 100, is_needed=True)
-        self.subscribe(PoseWithCovarianceStamped, "initialpose", self._on_initial_pose, 10)
-        self.subscribe(TFMessage, "/tf", self._on_transforms, 100)
-        self.subscribe(TFMessage, "/tf_static", self._on_static_transforms, qos.STATIC_TRANSFORMS)
-        if not self.params.localization.map_directory:
-            self.subscribe(
-                HeightGrid, "long_term_grid", self._localizer.take_long_term, qos.LATCHED,
-                is_needed=True,
-            )  # fmt: skip
-        self.create_service(Trigger, "~/relocalize", self._relocalize)
+        """Publish the state at the start."""
         self._publish_status(self._last)
 
     def take_params(self) -> None:
-        """Go on with other parameters."""
+        """Apply new parameters; the pose is kept."""
         self._localizer.set_params(self.params)
 
     @property
-    def dropped(self) -> Counter[str]:
+    def dropped(self) -> Drops:
         """How many messages were not used, by reason."""
         return self._localizer.dropped
 
@@ -93,7 +108,7 @@ class LocalizationNode(ManagedNode):
         return "the robot is lost" if self._localizer.state is State.LOST else ""
 
     def figures(self) -> dict[str, Any]:
-        """What /diagnostics tells of the pose."""
+        """What /diagnostics reports of the pose."""
         figures: dict[str, Any] = {"localization": self._localizer.state.name}
         if self._last is not None:
             found, (position, yaw) = self._last.registration, self._last.deviation
@@ -106,8 +121,8 @@ class LocalizationNode(ManagedNode):
             }
         return figures
 
-    def _on_scan_of(self, topic: str) -> Callable[[LaserScan], None]:
-        return lambda message: self._publish(self._localizer.take_scan(topic, message))
+    def _on_scan(self, topic: str, message: LaserScan) -> None:
+        self._publish(self._localizer.take_scan(topic, message))
 
     def _on_transforms(self, message: TFMessage) -> None:
         self._publish(self._localizer.take_transforms(message, is_static=False))
@@ -126,7 +141,7 @@ class LocalizationNode(ManagedNode):
         for attempt in attempts:
             self._last = attempt
             self._publish_status(attempt)
-        if attempts and self._grid_publisher.get_subscription_count():
+        if attempts and self.has_subscribers("short_term_grid"):
             self._publish_short_term(attempts[-1])
         pose = self._localizer.pose
         if pose is None:
@@ -138,26 +153,23 @@ class LocalizationNode(ManagedNode):
             self._publish_pose(pose)
 
     def _publish_pose(self, pose: Pose) -> None:
-        for publisher, T in (
-            (self._correction_publisher, pose.T_map_odom),
-            (self._pose_publisher, pose.T_map_base),
-        ):
+        for topic, T in (("pose_correction", pose.T_map_odom), ("pose", pose.T_map_base)):
             message = PoseWithCovarianceStamped()
             encode.fill_pose(message, T, pose.covariance, pose.stamp_ns, self._frame)
-            publisher.publish(message)
+            self.publish(topic, message)
         transform = TransformStamped()
         ahead = round(self.params.localization.transform_tolerance * 1e9)
         encode.fill_transform(
             transform, pose.T_map_odom, pose.stamp_ns + ahead, self._frame, pose.odom_frame
         )
-        self._transform_publisher.publish(TFMessage(transforms=[transform]))
+        self.publish("/tf", TFMessage(transforms=[transform]))
 
     def _publish_short_term(self, attempt: Attempt) -> None:
         height_map, pose = self._localizer.short_term_map(), self._localizer.pose
         if height_map is not None and pose is not None:
             message = HeightGrid()
             encode.fill_height_grid(message, height_map, attempt.stamp_ns, pose.odom_frame)
-            self._grid_publisher.publish(message)
+            self.publish("short_term_grid", message)
 
     def _publish_status(self, attempt: Attempt | None) -> None:
         """Of an attempt; None: of a pose that was said from outside, or of the beginning."""
@@ -171,7 +183,7 @@ class LocalizationNode(ManagedNode):
             message.position_deviation, message.yaw_deviation = attempt.deviation
             message.overlap, message.residual = found.overlap, found.residual
             message.ratio = found.ratio
-        self._status_publisher.publish(message)
+        self.publish("~/status", message)
         if state is not self._state:
             self.get_logger().warning(f"{self._state.name} -> {state.name}; {message.reason}")
             self._state = state

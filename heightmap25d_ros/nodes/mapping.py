@@ -5,16 +5,13 @@
 from __future__ import annotations
 
 import sys
-from collections import Counter
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import OccupancyGrid, Odometry
 from nav_msgs.srv import GetMap
-from rclpy.clock import Clock, ClockType
-from rclpy.publisher import Publisher
 from sensor_msgs.msg import LaserScan, PointCloud2, PointField
 from std_msgs.msg import Float32MultiArray, MultiArrayDimension
 from std_srvs.srv import Trigger
@@ -27,7 +24,9 @@ from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.io import encode, map_directory
 from heightmap25d_ros.nodes import qos, runtime
+from heightmap25d_ros.nodes.interface import Input, Output, Service
 from heightmap25d_ros.nodes.lifecycle import REPORT_PERIOD, ManagedNode
+from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.mapping import Mapping, compile_kernels
 from heightmap25d_ros.pipelines.scan_queue import Reading
 from heightmap25d_ros.terrain.traversability import ObstacleMap
@@ -49,17 +48,53 @@ if GridMap is not None:
 
 
 class MappingNode(ManagedNode):
-    """Thin: hands messages to `Mapping`, and publishes what it makes of them.
+    """Hands messages to `Mapping`, and publishes the maps.
 
     A map is published at most ``publish_rate`` times a second, and only to topics that
     somebody subscribes to and that have not carried this state of the map yet.
     """
 
+    def inputs(self) -> list[Input]:
+        """Lasers, poses, transforms, and what localization says."""
+        scans = [
+            Input(LaserScan, topic, partial(self._on_scan, topic), qos.SCANS, is_needed=True)
+            for topic in self.params.intake.scan_topics
+        ]
+        return [
+            *scans,
+            Input(Odometry, "odom", self._on_odometry, qos.POSES, is_needed=True),
+            Input(TFMessage, "/tf", self._on_transforms, qos.POSES),
+            Input(TFMessage, "/tf_static", self._on_static_transforms, qos.STATIC_TRANSFORMS),
+            Input(
+                PoseWithCovarianceStamped, "pose_correction", self._mapping.take_correction,
+                qos.QUEUE,
+            ),
+            Input(
+                LocalizationStatus, "localization/status",
+                self._mapping.take_localization_status, qos.LATCHED,
+            ),
+        ]  # fmt: skip
+
+    def outputs(self) -> list[Output]:
+        """The maps."""
+        return [Output(kind, topic, qos.LATCHED) for topic, kind in _MAPS.items()]
+
+    def offered_services(self) -> list[Service]:
+        """What is asked of the map."""
+        return [
+            Service(SaveMap, "~/save_map", self._save_map),
+            Service(LoadMap, "~/load_map", self._load_map),
+            Service(Trigger, "~/clear_map", self._clear_map),
+            Service(GetMap, "~/get_map", self._get_map),
+        ]
+
     def __init__(self) -> None:
-        super().__init__("mapping")
+        super().__init__(
+            "mapping", ["grid", "sensor", "mapper", "traversability", "intake", "mapping"]
+        )
 
     def set_up(self) -> None:
-        """Make the map, and what it can be asked for."""
+        """Make the map, empty or with the initial map in it."""
         self._frame = self.params.mapping.map_frame
         self._mapping = Mapping(self.params)
         self._version = 0  # of the map: counts merges, loads and clears
@@ -67,48 +102,23 @@ class MappingNode(ManagedNode):
         self._published: dict[str, int] = {}
         self._latency_ms = 0.0
         if self.params.mapping.autosave:
-            self._path(self.params.mapping.autosave)  # a wrong name is told now, not at the end
+            self._path(self.params.mapping.autosave)  # a wrong name is an error now, not at the end
         if self.params.mapping.initial_map:
             self._load(self.params.mapping.initial_map)
         compile_kernels(self.params)
-        self._publishers_of_maps = {
-            topic: self.create_lifecycle_publisher(kind, topic, qos.LATCHED)
-            for topic, kind in _MAPS.items()
-        }
-        self.create_service(SaveMap, "~/save_map", self._save_map)
-        self.create_service(LoadMap, "~/load_map", self._load_map)
-        self.create_service(Trigger, "~/clear_map", self._clear_map)
-        self.create_service(GetMap, "~/get_map", self._get_map)
 
     def start(self) -> None:
-        """Hear the robot, and publish."""
-        for topic in self.params.intake.scan_topics:
-            self.subscribe(LaserScan, topic, self._on_scan_of(topic), qos.SCANS, is_needed=True)
-        self.subscribe(Odometry, "odom", self._on_odometry, 100, is_needed=True)
-        self.subscribe(
-            PoseWithCovarianceStamped, "pose_correction", self._mapping.take_correction, 10
-        )
-        self.subscribe(
-            LocalizationStatus, "localization/status", self._mapping.take_localization_status,
-            qos.LATCHED,
-        )  # fmt: skip
-        self.subscribe(TFMessage, "/tf", self._on_transforms, 100)
-        self.subscribe(TFMessage, "/tf_static", self._on_static_transforms, qos.STATIC_TRANSFORMS)
-        self._start_publishing()
-
-    def _start_publishing(self) -> None:
-        """Maps are published by the wall clock, however fast a bag is replayed."""
-        wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
+        """Start publishing, by the wall clock."""
         period = 1.0 / self.params.mapping.publish_rate
-        self._publish_timer = self.create_timer(period, self._publish, clock=wall_clock)
+        self._publish_timer = self.create_wall_timer(period, self._publish)
 
     def take_params(self) -> None:
-        """Go on with other parameters: the map is converted and published again."""
+        """Apply new parameters; the map is kept, converted and published again."""
         self._mapping.set_params(self.params)
         self._published.clear()
         if self.is_active:
             self.destroy_timer(self._publish_timer)
-            self._start_publishing()
+            self.start()
 
     def finish(self) -> None:
         """Save the map under the name ``autosave``, where there is one and it is not saved."""
@@ -119,12 +129,12 @@ class MappingNode(ManagedNode):
                 self.get_logger().error(f"map not saved: {error}")
 
     @property
-    def dropped(self) -> Counter[str]:
+    def dropped(self) -> Drops:
         """How many messages were not used, by reason."""
         return self._mapping.dropped
 
     def figures(self) -> dict[str, Any]:
-        """What /diagnostics tells of the map."""
+        """What /diagnostics reports of the map."""
         size = self._mapping.size()
         latency, self._latency_ms = self._latency_ms, 0.0
         return {
@@ -135,8 +145,8 @@ class MappingNode(ManagedNode):
             "map saved": self._saved == self._version,
         }
 
-    def _on_scan_of(self, topic: str) -> Callable[[LaserScan], None]:
-        return lambda message: self._count(self._mapping.take_scan(topic, message))
+    def _on_scan(self, topic: str, message: LaserScan) -> None:
+        self._count(self._mapping.take_scan(topic, message))
 
     def _on_odometry(self, message: Odometry) -> None:
         self._count(self._mapping.take_odometry(message))
@@ -156,10 +166,10 @@ class MappingNode(ManagedNode):
     def _publish(self) -> None:
         due = [
             topic
-            for topic, publisher in self._publishers_of_maps.items()
+            for topic in _MAPS
             if self._version
             and self._published.get(topic) != self._version
-            and publisher.get_subscription_count()
+            and self.has_subscribers(topic)
         ]
         if not due:
             return
@@ -169,10 +179,10 @@ class MappingNode(ManagedNode):
             self.get_logger().error(str(error), throttle_duration_sec=REPORT_PERIOD)
             return
         for topic in due:
-            self._publish_to(topic, self._publishers_of_maps[topic], maps)
+            self._publish_to(topic, maps)
             self._published[topic] = self._version
 
-    def _publish_to(self, topic: str, publisher: Publisher, maps: _Maps) -> None:
+    def _publish_to(self, topic: str, maps: _Maps) -> None:
         height_map, obstacle_map = maps
         stamp, geometry = self._mapping.stamp_ns, height_map.geometry
         message: Any
@@ -191,7 +201,7 @@ class MappingNode(ManagedNode):
             cells = obstacle_map.occupancy if topic == "map" else obstacle_map.cost
             message = OccupancyGrid()
             encode.fill_occupancy_grid(message, cells, geometry, stamp, self._frame)
-        publisher.publish(message)
+        self.publish(topic, message)
 
     def _path(self, name: str) -> Path:
         return map_directory.map_path(Path(self.params.mapping.map_directory), name)

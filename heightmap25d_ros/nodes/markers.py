@@ -5,19 +5,18 @@
 from __future__ import annotations
 
 import sys
-from collections import Counter
 from typing import Any
 
-from rclpy.clock import Clock, ClockType
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2, PointField
 from visualization_msgs.msg import Marker
 
 from heightmap25d_msgs.msg import HeightGrid
-from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.io import decode, encode
 from heightmap25d_ros.nodes import qos, runtime
+from heightmap25d_ros.nodes.interface import Input, Output
 from heightmap25d_ros.nodes.lifecycle import ManagedNode
+from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.terrain.traversability import to_obstacle_map
 from heightmap25d_ros.viz import marker_cdr, markers
 
@@ -25,63 +24,72 @@ _PERIOD = 1.0  # [s] between two looks at what is new
 
 
 class MarkersNode(ManagedNode):
-    """Thin: shows the newest height grid, once a second at most and only to who subscribes."""
+    """Shows the newest height grid, once a second at most and only to subscribers."""
+
+    def inputs(self) -> list[Input]:
+        """The map."""
+        return [Input(HeightGrid, "height_grid", self._on_map, qos.LATCHED, is_needed=True)]
+
+    def outputs(self) -> list[Output]:
+        """What RViz shows of it."""
+        return [
+            Output(Marker, "~/blocks", qos.LATCHED),
+            Output(PointCloud2, "~/frontier", qos.LATCHED),
+        ]
 
     def __init__(self) -> None:
-        super().__init__("markers")
+        super().__init__("markers", ["traversability"])
 
     def set_up(self) -> None:
-        """Make what shows the map."""
-        self._dropped: Counter[str] = Counter()
+        """Begin without a map."""
+        self._dropped = Drops()
         self._newest: HeightGrid | None = None
         self._shown: dict[str, HeightGrid] = {}
-        self._outlets = {
-            "blocks": self.create_lifecycle_publisher(Marker, "~/blocks", qos.LATCHED),
-            "frontier": self.create_lifecycle_publisher(PointCloud2, "~/frontier", qos.LATCHED),
-        }
 
     def start(self) -> None:
-        """Hear the map, and show it."""
-        self.subscribe(HeightGrid, "height_grid", self._on_map, qos.LATCHED, is_needed=True)
-        wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(_PERIOD, self._show, clock=wall_clock)
+        """Show the map now and then."""
+        self.create_wall_timer(_PERIOD, self._show)
 
     @property
-    def dropped(self) -> Counter[str]:
+    def dropped(self) -> Drops:
         """How many messages were not used, by reason."""
         return self._dropped
 
     def figures(self) -> dict[str, Any]:
-        """What /diagnostics tells of the viewers."""
-        return {name: outlet.get_subscription_count() for name, outlet in self._outlets.items()}
+        """How many viewers there are."""
+        return {
+            f"{topic.removeprefix('~/')} [subscribers]": publisher.get_subscription_count()
+            for topic, publisher in self.publishers_by_topic.items()
+        }
 
     def _on_map(self, message: HeightGrid) -> None:
         self._newest = message
 
     def _show(self) -> None:
-        if self._newest is None:
+        grid = self._newest
+        if grid is None:
             return
-        for name, outlet in self._outlets.items():
-            if outlet.get_subscription_count() and self._shown.get(name) is not self._newest:
-                self._shown[name] = self._newest
-                try:
-                    outlet.publish(self._content(name, self._newest))
-                except InputError as error:
-                    self._dropped[f"map: bad {str(error).partition(':')[0]}"] += 1
+        for topic, content in (("~/blocks", self._blocks), ("~/frontier", self._frontier)):
+            if self.has_subscribers(topic) and self._shown.get(topic) is not grid:
+                self._shown[topic] = grid
+                shown = self._dropped.decoded("map", content, grid)
+                if shown is not None:
+                    self.publish(topic, shown)
 
-    def _content(self, name: str, grid: HeightGrid) -> bytes | PointCloud2:
+    def _frontier(self, grid: HeightGrid) -> PointCloud2:
         height_map, stamp = decode.height_map(grid), decode.stamp_ns(grid.header)
-        if name == "frontier":
-            cloud = PointCloud2()
-            edge = markers.frontier(
-                height_map, to_obstacle_map(height_map, self.params.traversability)
-            )
-            encode.fill_height_points(cloud, PointField, edge, stamp, grid.header.frame_id)
-            return cloud
+        obstacles = to_obstacle_map(height_map, self.params.traversability)
+        cloud = PointCloud2()
+        encode.fill_height_points(
+            cloud, PointField, markers.frontier(height_map, obstacles), stamp, grid.header.frame_id
+        )
+        return cloud
+
+    def _blocks(self, grid: HeightGrid) -> bytes:
+        corners, colours = markers.blocks(decode.height_map(grid))
         marker = Marker(header=grid.header, ns="blocks", type=Marker.TRIANGLE_LIST)
         marker.scale.x = marker.scale.y = marker.scale.z = 1.0
         marker.color.a = 1.0
-        corners, colours = markers.blocks(height_map)
         return marker_cdr.with_faces(marker, serialize_message(marker), corners, colours)
 
 

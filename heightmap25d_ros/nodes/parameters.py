@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -25,11 +25,19 @@ from heightmap25d_ros.terrain.traversability import covering_disc
 _RCLPY_PARAMETERS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 
-def declare_params(node: Node) -> Params:
+def declare_params(node: Node, used: Sequence[str]) -> Params:
     """The parameters of a node, declared with descriptors; a wrong one is an error.
 
-    The node must have been made with ``automatically_declare_parameters_from_overrides``: only
-    so can a name that nobody knows be found and refused.
+    A parameter file may serve several nodes, so that those of other nodes are checked as well, but
+    not declared.
+
+    Parameters
+    ----------
+    node : Node
+        Made with ``automatically_declare_parameters_from_overrides``: only so can an unknown name
+        be found and refused.
+    used : sequence of str
+        Sections (``planner``) and single parameters (``mapping.map_frame``) that the node uses.
 
     Raises
     ------
@@ -41,16 +49,25 @@ def declare_params(node: Node) -> Params:
         for name, parameter in node.get_parameters_by_prefix("").items()
         if not name.startswith(_RCLPY_PARAMETERS)
     }
-    params = _fitting(with_values(Params(), given))
-    for name, (spec, value) in flatten(params).items():
-        if name in given:
-            node.undeclare_parameter(name)
+    params = _consistent(with_values(Params(), given))
+    for name in given:
+        node.undeclare_parameter(name)
+    for name, (spec, value) in _used(params, used).items():
         descriptor = _descriptor(name, spec, value)
         if value == ():
             _declare_empty(node, name, descriptor)
         else:
             node.declare_parameter(name, value, descriptor)
     return params
+
+
+def _used(params: Params, used: Sequence[str]) -> dict[str, tuple[Spec, Value]]:
+    """Of all parameters those of some sections, and single ones, by name."""
+    return {
+        name: entry
+        for name, entry in flatten(params).items()
+        if name in used or name.partition(".")[0] in used
+    }
 
 
 def _declare_empty(node: Node, name: str, descriptor: ParameterDescriptor) -> None:
@@ -64,7 +81,7 @@ def _declare_empty(node: Node, name: str, descriptor: ParameterDescriptor) -> No
     node.set_descriptor(name, descriptor)
 
 
-def _fitting(params: Params) -> Params:
+def _consistent(params: Params) -> Params:
     """The same parameters; `InputError` where sections do not go together."""
     covering_disc(params.traversability, params.grid.resolution)
     return params
@@ -83,8 +100,10 @@ def _descriptor(name: str, spec: Spec, value: Value) -> ParameterDescriptor:
     return descriptor
 
 
-def follow_changes(node: Node, params: Params, take: Callable[[Params], None]) -> None:
-    """Hand the parameters on when live ones change: all of a call, or none and the reason.
+def follow_changes(
+    node: Node, params: Params, used: Sequence[str], take: Callable[[Params], None]
+) -> None:
+    """Hand over the parameters when live ones change: all of a call, or none and the reason.
 
     Parameters
     ----------
@@ -92,15 +111,17 @@ def follow_changes(node: Node, params: Params, take: Callable[[Params], None]) -
         Whose parameters were declared by `declare_params`.
     params : Params
         What that returned.
+    used : sequence of str
+        As there.
     take : callable
         Is called with the new parameters, which are sound.
     """
     current = params
 
     def changed(changes: list[Parameter]) -> Params:
-        known = flatten(current)
+        known = _used(current, used)
         values = {p.name: p.value for p in changes if p.name in known}
-        return _fitting(with_values(current, values))
+        return _consistent(with_values(current, values))
 
     def check(changes: list[Parameter]) -> SetParametersResult:
         try:

@@ -5,71 +5,85 @@
 from __future__ import annotations
 
 import sys
-from collections import Counter
 from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import Pose, PoseArray, PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry, Path
 from nav_msgs.srv import GetPlan
-from rclpy.clock import Clock, ClockType
 
 from heightmap25d_msgs.msg import HeightGrid, PlanStatus
 from heightmap25d_ros.io import encode
 from heightmap25d_ros.nodes import qos, runtime
+from heightmap25d_ros.nodes.interface import Input, Output, Service
 from heightmap25d_ros.nodes.lifecycle import ManagedNode
+from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.planning import Planning, compile_kernels
-from heightmap25d_ros.planning.plan import Plan, Status
+from heightmap25d_ros.planning.plan import Plan
 from heightmap25d_ros.viz import markers
 
 _FIELD_PERIOD = 1.0  # [s] between two fields at the least
 
 
 class PlanningNode(ManagedNode):
-    """Thin: hands messages to `Planning`, and publishes the plans that it returns."""
+    """Hands messages to `Planning`, and publishes the plans that it returns."""
+
+    def inputs(self) -> list[Input]:
+        """The map, the robot and its goals."""
+        return [
+            Input(HeightGrid, "height_grid", self._on_map, qos.LATCHED, is_needed=True),
+            Input(Odometry, "odom", self._on_odometry, qos.QUEUE, is_needed=True),
+            Input(PoseStamped, "goal_pose", self._on_goal, qos.QUEUE),
+            Input(
+                PoseWithCovarianceStamped, "pose_correction", self._planning.take_correction,
+                qos.QUEUE,
+            ),
+        ]  # fmt: skip
+
+    def outputs(self) -> list[Output]:
+        """The plan, how it came about, and the best directions over the map."""
+        return [
+            Output(Path, "plan", qos.LATCHED),
+            Output(PlanStatus, "~/status", qos.LATCHED),
+            Output(PoseArray, "~/field", qos.LATCHED),
+        ]
+
+    def offered_services(self) -> list[Service]:
+        """Plans between any two poses."""
+        return [Service(GetPlan, "~/get_plan", self._get_plan)]
 
     def __init__(self) -> None:
-        super().__init__("planning")
+        super().__init__(
+            "planning",
+            ["traversability", "planner", "planning", "mapping.map_frame", "intake.base_frame"],
+        )
 
     def set_up(self) -> None:
-        """Make the planner, and what tells of its plans."""
+        """Make the planner."""
         self._planning = Planning(self.params)
         self._plan: Plan | None = None
-        compile_kernels(self.params)
-        self._path_publisher = self.create_lifecycle_publisher(Path, "plan", qos.LATCHED)
-        self._status_publisher = self.create_lifecycle_publisher(
-            PlanStatus, "~/status", qos.LATCHED
-        )
-        self._field_publisher = self.create_lifecycle_publisher(PoseArray, "~/field", qos.LATCHED)
         self._unshown: Plan | None = None  # whose field has not been published
+        compile_kernels(self.params)
 
     def start(self) -> None:
-        """Hear the map, the robot and its goals, and answer."""
-        self.subscribe(HeightGrid, "height_grid", self._on_map, qos.LATCHED, is_needed=True)
-        self.subscribe(Odometry, "odom", self._on_odometry, 10, is_needed=True)
-        self.subscribe(PoseStamped, "goal_pose", self._on_goal, 10)
-        self.subscribe(
-            PoseWithCovarianceStamped, "pose_correction", self._planning.take_correction, 10
-        )
-        self.create_service(GetPlan, "~/get_plan", self._get_plan)
-        wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(_FIELD_PERIOD, self._publish_field, clock=wall_clock)
+        """Publish the field now and then."""
+        self.create_wall_timer(_FIELD_PERIOD, self._publish_field)
 
     def take_params(self) -> None:
-        """Plan with other parameters, to the goal that is set as well."""
+        """Apply new parameters; the goal is kept, and planned to again where they ask for it."""
         self._publish(self._planning.set_params(self.params))
 
     @property
-    def dropped(self) -> Counter[str]:
+    def dropped(self) -> Drops:
         """How many messages were not used, by reason."""
         return self._planning.dropped
 
     def figures(self) -> dict[str, Any]:
-        """What /diagnostics tells of the last plan."""
+        """What /diagnostics reports of the last plan."""
         if self._plan is None:
             return {"last plan": "none"}
         return {
-            "last plan": self._plan.status.name,
+            "last plan": "found" if self._plan.found else self._plan.status.name,
             "last plan: reason": self._plan.reason,
             "last plan: length [m]": round(self._plan.length, 2),
             "last plan: took [ms]": round(1e3 * self._plan.seconds, 1),
@@ -91,7 +105,7 @@ class PlanningNode(ManagedNode):
         stamp = self.get_clock().now().nanoseconds
         path = Path()
         self._fill_path(path, plan, stamp)
-        self._path_publisher.publish(path)
+        self.publish("plan", path)
         status = PlanStatus(
             code=int(plan.status),
             reason=plan.reason,
@@ -102,15 +116,15 @@ class PlanningNode(ManagedNode):
             planning_time=plan.seconds,
         )
         status.header = path.header
-        self._status_publisher.publish(status)
+        self.publish("~/status", status)
         self._unshown = plan
-        if plan.status is not Status.NONE:
+        if not plan.found:
             self.get_logger().warning(f"no path: {plan.reason}")
 
     def _publish_field(self) -> None:
         """The newest plan's field, if somebody wants to see it."""
         plan = self._unshown
-        if plan is None or not self._field_publisher.get_subscription_count():
+        if plan is None or not self.has_subscribers("~/field"):
             return
         self._unshown = None
         poses = np.empty((0, 4, 4))
@@ -118,16 +132,16 @@ class PlanningNode(ManagedNode):
             poses = markers.field_arrows(plan.graph, plan.cost_to_go)
         field, stamp = PoseArray(), self.get_clock().now().nanoseconds
         encode.fill_poses(field, Pose, poses, stamp, self.params.mapping.map_frame)
-        self._field_publisher.publish(field)
+        self.publish("~/field", field)
 
     def _fill_path(self, path: Path, plan: Plan, stamp: int) -> None:
         frame = self.params.mapping.map_frame
         encode.fill_path(path, PoseStamped, plan.poses, stamp, frame)
 
     def _get_plan(self, request: GetPlan.Request, response: GetPlan.Response) -> GetPlan.Response:
-        plan = self._planning.plan_between(request.start, request.goal, request.tolerance)
+        plan = self._planning.answer(request.start, request.goal, request.tolerance)
         self._fill_path(response.plan, plan, self.get_clock().now().nanoseconds)
-        if plan.status is not Status.NONE:
+        if not plan.found:
             self.get_logger().warning(f"get_plan: no path: {plan.reason}")
         return response
 

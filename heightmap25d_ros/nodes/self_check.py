@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a node lacks, told from plain values: what came, from whom, and what was dropped why."""
+"""What keeps a node from its work: found from what came, from whom, and what was dropped."""
 
 from __future__ import annotations
 
@@ -77,50 +77,50 @@ class Observed:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Something that a node lacks, and the circumstances."""
+    """A problem and its circumstances."""
 
-    lack: Problem
+    problem: Problem
     detail: str
 
     def __str__(self) -> str:
-        return f"{self.lack.value}: {self.detail}"
+        return f"{self.problem.value}: {self.detail}"
 
 
 def findings(observed: Observed) -> list[Finding]:
-    """What a node lacks, the likelier cause of the others first."""
+    """The problems of a node, the likelier cause of the others first."""
     found: list[Finding] = []
     if observed.clock_ns is not None and observed.clock_ns[0] == observed.clock_ns[1]:
         seconds = observed.clock_ns[1] * 1e-9
         found.append(
             Finding(Problem.CLOCK, f"use_sim_time is set, and /clock stands at {seconds:g}")
         )
-    for heard in observed.inputs:
-        found += _of_input(heard)
-    for lack, words in (
+    for entry in observed.inputs:
+        found += _of_input(entry)
+    for problem, words in (
         (Problem.NO_ODOMETRY, "the odometry"),
-        (Problem.UNKNOWN_MOUNT, "the mount of "),
+        (Problem.UNKNOWN_MOUNT, "its mount"),
     ):
-        reasons = {r: count for r, count in observed.dropped.items() if _is_lack(r, words)}
+        reasons = {r: count for r, count in observed.dropped.items() if _is_without(r, words)}
         if sum(reasons.values()) > TOLERATED * observed.scans:
-            found.append(Finding(lack, ", ".join(f"{r} ({n})" for r, n in reasons.items())))
+            found.append(Finding(problem, ", ".join(f"{r} ({n})" for r, n in reasons.items())))
     if observed.flat_poses >= FLAT_FROM:
         told = f"z, roll and pitch were exactly 0 in all of {observed.flat_poses} messages"
         found.append(Finding(Problem.FLAT, told))
     return found
 
 
-def _of_input(heard: Input) -> Iterator[Finding]:
-    for reason in heard.incompatible:
-        yield Finding(Problem.INCOMPATIBLE, f"{heard.topic}: {reason}")
-    if heard.received or not heard.is_needed:
+def _of_input(entry: Input) -> Iterator[Finding]:
+    for reason in entry.incompatible:
+        yield Finding(Problem.INCOMPATIBLE, f"{entry.topic}: {reason}")
+    if entry.received or not entry.is_needed:
         return
-    if not heard.publishers:
-        yield Finding(Problem.NO_PUBLISHER, heard.topic)
-    elif len(heard.incompatible) < heard.publishers:
-        yield Finding(Problem.SILENT, heard.topic)
+    if not entry.publishers:
+        yield Finding(Problem.NO_PUBLISHER, entry.topic)
+    elif len(entry.incompatible) < entry.publishers:
+        yield Finding(Problem.SILENT, entry.topic)
 
 
-def _is_lack(reason: str, words: str) -> bool:
+def _is_without(reason: str, words: str) -> bool:
     """Whether a reason of `intake.ScanIntake` says that a scan had no such pose."""
     return reason.startswith("scan: ") and words in reason
 
@@ -132,7 +132,7 @@ class Flatness:
         self.poses = 0
         self._is_flat = True
 
-    def see(self, message: Any) -> None:
+    def observe(self, message: Any) -> None:
         """Look at a nav_msgs/Odometry."""
         if not self._is_flat:
             return

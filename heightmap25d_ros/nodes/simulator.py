@@ -28,7 +28,7 @@ class SimulatorNode(Node):
 
     def __init__(self) -> None:
         super().__init__("simulator", automatically_declare_parameters_from_overrides=True)
-        params = parameters.declare_params(self).simulator
+        params = parameters.declare_params(self, ["simulator"]).simulator
         self._rate = params.rate
         mounted = recording.mounted_lasers(params.scan_rate, has_nodding=params.nodding)
         self._simulation = Simulation(

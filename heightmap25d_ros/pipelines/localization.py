@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -24,8 +23,8 @@ from heightmap25d_ros.localization.tracker import Attempt, Tracker
 from heightmap25d_ros.localization.tracking_state import State
 from heightmap25d_ros.mapping import sensor_model
 from heightmap25d_ros.params.sections import Params
-from heightmap25d_ros.pipelines.message_intake import MessageIntake
-from heightmap25d_ros.pipelines.scan_queue import Reading
+from heightmap25d_ros.pipelines.drops import Drops
+from heightmap25d_ros.pipelines.scan_queue import Reading, ScanQueue
 from heightmap25d_ros.pipelines.transform_buffer import JUMP_BACK_NS
 
 _STILL = 0.01  # [m/s] of way below which the robot stands; nothing is corrected then
@@ -77,12 +76,16 @@ class Localizer:
     Parameters
     ----------
     params : Params
+
+    Attributes
+    ----------
+    dropped : Drops
     """
 
     def __init__(self, params: Params) -> None:
         self._params = params
-        self._intake = MessageIntake(params)
-        self._ignored: Counter[str] = Counter()
+        self.dropped = Drops()
+        self._queue = ScanQueue(params.intake, self.dropped)
         self._surface: Surface | None = None
         self._initial_pose: tuple[Array, Array] | None = None
         self._start_over()
@@ -110,11 +113,6 @@ class Localizer:
     def scan_topics(self) -> tuple[str, ...]:
         """The topics that `take_scan` knows."""
         return self._params.intake.scan_topics
-
-    @property
-    def dropped(self) -> Counter[str]:
-        """How many messages were not used, by reason."""
-        return self._intake.dropped + self._ignored
 
     @property
     def state(self) -> State:
@@ -162,21 +160,21 @@ class Localizer:
 
     def take_scan(self, topic: str, message: Any) -> list[Attempt]:
         """Take a sensor_msgs/LaserScan of one of ``intake.scan_topics`` in."""
-        return self._track(self._intake.take_scan(topic, message))
+        return self._track(self._queue.take_scan(topic, message))
 
     def take_transforms(self, message: Any, *, is_static: bool) -> list[Attempt]:
         """Take a tf2_msgs/TFMessage of /tf or of /tf_static in."""
-        return self._track(self._intake.take_transforms(message, is_static=is_static))
+        return self._track(self._queue.take_transforms(message, is_static=is_static))
 
     def take_odometry(self, message: Any) -> list[Attempt]:
         """Take a nav_msgs/Odometry in; the pose is of its time afterwards."""
         before = self._odometry
-        readings = self._intake.take_odometry(message)
-        odometry = self._intake.odometry
+        readings = self._queue.take_odometry(message)
+        odometry = self._queue.odometry
         if odometry is None or odometry is before:
             return self._track(readings)
         if before is not None and odometry.stamp_ns < before.stamp_ns - JUMP_BACK_NS:
-            self._ignored["poses: clock jumped back, localization starts over"] += 1
+            self.dropped.record("poses: clock jumped back, localization starts over")
             self._start_over()
             before = None
         elif before is not None:
@@ -195,8 +193,9 @@ class Localizer:
         z is taken from the long-term map where it is known there, since RViz gives none. The
         covariance says how far around it is searched; zeros: as at the start.
         """
-        pose = self._intake.take_pose("initialpose", message)
-        covariance = self._intake.decode("initialpose", decode.planar_covariance, message)
+        frame = self._params.mapping.map_frame
+        pose = self.dropped.decoded("initialpose", lambda m: decode.pose_in(m, frame), message)
+        covariance = self.dropped.decoded("initialpose", decode.planar_covariance, message)
         if pose is None or covariance is None:
             return
         x, y, z, _, _, yaw = se3.to_xyz_rpy(pose)
@@ -209,16 +208,16 @@ class Localizer:
 
     def take_long_term(self, message: Any) -> None:
         """Take a heightmap25d_msgs/HeightGrid in: the long-term map."""
-        if message.header.frame_id.lstrip("/") != self._params.mapping.map_frame:
-            self._ignored[f"long_term_grid: not in {self._params.mapping.map_frame!r}"] += 1
-            return
-        height_map = self._intake.decode("long_term_grid", decode.height_map, message)
+        frame = self._params.mapping.map_frame
+        height_map = self.dropped.decoded(
+            "long_term_grid", lambda m: decode.height_map(m, frame), message
+        )
         if height_map is not None:
             self.set_long_term(height_map)
 
     def flush(self) -> list[Attempt]:
         """No more messages will come: use what is ready."""
-        return self._track(self._intake.flush())
+        return self._track(self._queue.flush())
 
     def _set_pose(self, xyz_yaw: Array, covariance: Array) -> None:
         assert self._odometry is not None
@@ -248,7 +247,7 @@ class Localizer:
         seconds = (odometry.stamp_ns - before.stamp_ns) * 1e-9
         if way <= self._params.localization.max_odom_step * max(1.0, seconds):
             return
-        self._ignored["odometry: jumped"] += 1
+        self.dropped.record("odometry: jumped")
         self._torn_ns = before.stamp_ns, odometry.stamp_ns
         # Yaw and position only: roll and pitch are the new odometry's.
         x, y, z, _, _, yaw = se3.to_xyz_rpy(self._tracker.estimate.T_map_odom @ before.T)
@@ -263,7 +262,7 @@ class Localizer:
         for reading in readings:
             stamps = reading.scan.beam_stamps_ns()
             if stamps[0] < self._torn_ns[1] and stamps[-1] > self._torn_ns[0]:
-                self._ignored["scan: while odometry jumped"] += 1
+                self.dropped.record("scan: while odometry jumped")
                 continue
             beams = sensor_model.beams(
                 reading.scan,

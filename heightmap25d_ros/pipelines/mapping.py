@@ -14,11 +14,12 @@ from heightmap25d_ros import se3
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_grid import TILE, HeightGrid
 from heightmap25d_ros.grid.height_map import Area, HeightMap
+from heightmap25d_ros.io import decode
 from heightmap25d_ros.mapping import sensor_model
 from heightmap25d_ros.mapping.mapper import Mapper
 from heightmap25d_ros.params.sections import Params
-from heightmap25d_ros.pipelines.message_intake import MessageIntake
-from heightmap25d_ros.pipelines.scan_queue import Reading
+from heightmap25d_ros.pipelines.drops import Drops
+from heightmap25d_ros.pipelines.scan_queue import Reading, ScanQueue
 from heightmap25d_ros.terrain.obstacle_grid import ObstacleGrid
 from heightmap25d_ros.terrain.traversability import ObstacleMap
 
@@ -67,6 +68,7 @@ class Mapping:
     grid : HeightGrid
     merged : Counter of str
         Scans and returns.
+    dropped : Drops
     stamp_ns : int [ns]
         Of the scan merged last; 0 before the first.
     """
@@ -75,9 +77,9 @@ class Mapping:
         self.merged: Counter[str] = Counter()
         self.stamp_ns = 0
         self._params = params
-        self._intake = MessageIntake(params)
+        self.dropped = Drops()
+        self._queue = ScanQueue(params.intake, self.dropped)
         self._is_lost = False
-        self._lost: Counter[str] = Counter()
         self.clear()
 
     def clear(self, content: HeightMap | None = None) -> None:
@@ -110,28 +112,24 @@ class Mapping:
         """The topics that `take_scan` knows."""
         return self._params.intake.scan_topics
 
-    @property
-    def dropped(self) -> Counter[str]:
-        """How many messages and returns were not used, or not as they came, by reason."""
-        return self._intake.dropped + self._lost
-
     def take_scan(self, topic: str, message: Any) -> list[Reading]:
         """Take a sensor_msgs/LaserScan of one of ``intake.scan_topics`` in."""
-        return self._merge(self._intake.take_scan(topic, message))
+        return self._merge(self._queue.take_scan(topic, message))
 
     def take_odometry(self, message: Any) -> list[Reading]:
         """Take a nav_msgs/Odometry in."""
-        return self._merge(self._intake.take_odometry(message))
+        return self._merge(self._queue.take_odometry(message))
 
     def take_transforms(self, message: Any, *, is_static: bool) -> list[Reading]:
         """Take a tf2_msgs/TFMessage of /tf or of /tf_static in."""
-        return self._merge(self._intake.take_transforms(message, is_static=is_static))
+        return self._merge(self._queue.take_transforms(message, is_static=is_static))
 
     def take_correction(self, message: Any) -> None:
         """Take a geometry_msgs/PoseWithCovarianceStamped in: the pose of odom in the map."""
-        pose = self._intake.take_pose("correction", message)
+        frame = self._params.mapping.map_frame
+        pose = self.dropped.decoded("correction", lambda m: decode.pose_in(m, frame), message)
         if pose is not None:
-            self._intake.set_correction(pose)
+            self._queue.set_correction(pose)
 
     def take_localization_status(self, message: Any) -> None:
         """Take a heightmap25d_msgs/LocalizationStatus in: a lost robot does not map."""
@@ -139,11 +137,11 @@ class Mapping:
 
     def settle(self) -> list[Reading]:
         """Merge what has its poses now, without waiting for the other lasers."""
-        return self._merge(self._intake.settle())
+        return self._merge(self._queue.settle())
 
     def flush(self) -> list[Reading]:
         """No more messages will come: merge what is ready, drop what still waits."""
-        return self._merge(self._intake.flush())
+        return self._merge(self._queue.flush())
 
     def maps(self) -> tuple[HeightMap, ObstacleMap]:
         """Height map and converted map of all that was observed; of an unknown tile at first.
@@ -176,7 +174,7 @@ class Mapping:
 
     def _merge(self, readings: list[Reading]) -> list[Reading]:
         if self._is_lost and readings:
-            self._lost["scan: localization is lost"] += len(readings)
+            self.dropped.record("scan: localization is lost", count=len(readings))
             return []
         for reading in readings:
             if not self._has_begun:
@@ -192,12 +190,8 @@ class Mapping:
             )
             self.merged["scans"] += 1
             self.merged["returns"] += result.hits
-            self._lost += Counter(
-                {
-                    "return: height clipped to +-327 m": result.clipped,
-                    "return: beyond grid.extent": result.outside,
-                }
-            )
+            self.dropped.record("return: height clipped to +-327 m", count=result.clipped)
+            self.dropped.record("return: beyond grid.extent", count=result.outside)
             self.stamp_ns = reading.scan.stamp_ns
         return readings
 

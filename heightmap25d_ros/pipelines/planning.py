@@ -1,22 +1,22 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Messages in, plans out: a goal is planned to, and planned to again where that is called for."""
+"""Messages in, plans out: a goal is planned to, and again where map or motion call for it."""
 
 from __future__ import annotations
 
 import math
-from collections import Counter
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from heightmap25d_ros import se3
+from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_map import Geometry, HeightMap
 from heightmap25d_ros.io import decode
 from heightmap25d_ros.params.sections import Params
+from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.planning.graph import transition_graph
 from heightmap25d_ros.planning.plan import Plan, Pose2D, Status
 from heightmap25d_ros.planning.planner import Planner
@@ -29,7 +29,7 @@ LEAST_GAIN = 0.5
 """What a cheaper path must save at least [m of flat ground]: costs are those of whole cells."""
 
 AHEAD = 1.0
-"""The best direction is that to the place so far along the best way [m]."""
+"""The best direction is that to the point so far along the cheapest path [m]."""
 
 
 def compile_kernels(params: Params) -> None:
@@ -42,22 +42,39 @@ def compile_kernels(params: Params) -> None:
         probability_threshold=0.5,
     )
     terrain, free = params.traversability, replace(params.planner, unknown="cost", timeout=600.0)
-    graph = transition_graph(flat, terrain, free)
+    planner = Planner(transition_graph(flat, terrain, free), terrain, free)
     start, goal = (
         Pose2D(x=x, y=x, yaw=0.0) for x in np.array((5.1, 20.2)) * params.grid.resolution
     )
     for is_field_wanted in (False, True):
-        Planner(graph, terrain, free).plan(
-            start, goal, is_robot_there=True, is_field_wanted=is_field_wanted
-        )
+        planner.plan(start, goal, is_robot_there=True, is_field_wanted=is_field_wanted)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Mission:
+    """A goal and the plan to it.
+
+    Attributes
+    ----------
+    goal : Pose2D
+    plan : Plan
+        With a path, or the reason why there is none now: then it is planned to again.
+    moved_from : (2,) float64 [m], map
+        Where the robot was when the direction of its motion was last looked at.
+    """
+
+    goal: Pose2D
+    plan: Plan
+    moved_from: Array
 
 
 class Planning:
     """A goal, the map, and where the robot is; and the path that follows.
 
-    ``take_goal`` always returns a plan. ``take_map`` and ``take_odometry`` return one where the
-    path has to be replaced: an empty one where there is none any more. A goal whose way is closed
-    stays, and is planned to again when the map changes; one that cannot be used at all does not.
+    `take_goal` always returns a plan. The other ``take_...`` return one where the path has to be
+    replaced: an empty one where there is none any more. A goal that came before the first map or
+    the first odometry is kept, and planned to when these come. One whose path is closed is kept and
+    planned to again when the map changes; one that cannot be used at all is not.
 
     Parameters
     ----------
@@ -65,223 +82,224 @@ class Planning:
 
     Attributes
     ----------
-    dropped : Counter of str
-        How many messages were not used, by reason.
+    dropped : Drops
     """
 
     def __init__(self, params: Params) -> None:
-        self.dropped: Counter[str] = Counter()
+        self.dropped = Drops()
         self._params = params
         self._T_map_odom = np.eye(4)
         self._T_odom_base: se3.Matrix | None = None
         self._height_map: HeightMap | None = None
         self._planner: Planner | None = None
-        self._goal: Pose2D | None = None
-        self._plan: Plan | None = None
-        self._moved_from = np.zeros(2)
+        self._waiting_goal: Pose2D | None = None
+        self._mission: _Mission | None = None
 
     def take_map(self, message: Any) -> Plan | None:
-        """Take a heightmap25d_msgs/HeightGrid in; a plan where the map asks for another one."""
-        try:
-            decode.require_frame(message.header, self._params.mapping.map_frame)
-            height_map = decode.height_map(message)
-        except InputError as error:
-            self._drop("map", error)
-            return None
+        """Take a heightmap25d_msgs/HeightGrid; a plan where the map asks for another one."""
+        frame = self._params.mapping.map_frame
+        height_map = self.dropped.decoded("map", lambda m: decode.height_map(m, frame), message)
+        return None if height_map is None else self.set_map(height_map)
+
+    def set_map(self, height_map: HeightMap) -> Plan | None:
+        """Plan over a map from now on; a plan where it asks for another one."""
         if self._height_map is not None and _is_same(self._height_map, height_map):
             return None
         self._height_map, self._planner = height_map, None
-        return self._checked() if self._goal is not None and self._plan is not None else None
+        return self._began() if self._waiting_goal is not None else self._checked()
 
     def take_odometry(self, message: Any) -> Plan | None:
-        """Take a nav_msgs/Odometry in; a plan where the robot has left the path."""
-        try:
-            odometry = decode.odometry(message)
-        except InputError as error:
-            self._drop("odometry", error)
+        """Take a nav_msgs/Odometry; a plan where the robot has left the path."""
+        odometry = self.dropped.decoded("odometry", decode.odometry, message)
+        if odometry is None:
             return None
-        if odometry.child_frame_id != self._params.intake.base_frame:
-            self.dropped[f"odometry: of {odometry.child_frame_id!r}"] += 1
+        child, base_frame = odometry.child_frame_id, self._params.intake.base_frame
+        if child != base_frame:
+            self.dropped.record(
+                "odometry: of another frame", f"of {child!r}, not of {base_frame!r}"
+            )
             return None
         self._T_odom_base = odometry.T
-        return self._followed() if self._goal is not None and self._plan is not None else None
+        return self._began() if self._waiting_goal is not None else self._followed()
 
     def take_correction(self, message: Any) -> None:
-        """Take a geometry_msgs/PoseWithCovarianceStamped in: the pose of odom in the map."""
-        try:
-            decode.require_frame(message.header, self._params.mapping.map_frame)
-            self._T_map_odom = decode.pose(message.pose.pose, "pose.pose")
-        except InputError as error:
-            self._drop("correction", error)
+        """Take a geometry_msgs/PoseWithCovarianceStamped: the pose of odom in the map."""
+        frame = self._params.mapping.map_frame
+        T_map_odom = self.dropped.decoded("correction", lambda m: decode.pose_in(m, frame), message)
+        if T_map_odom is not None:
+            self._T_map_odom = T_map_odom
 
     def take_goal(self, message: Any) -> Plan:
-        """Take a geometry_msgs/PoseStamped in, in place of the goal before; the plan to it."""
-        self._goal = self._plan = None
+        """Take a geometry_msgs/PoseStamped, in place of the goal before; the plan to it."""
+        self._waiting_goal = self._mission = None
         try:
-            goal = self._place(message, "goal_pose")
+            self._waiting_goal = self._decoded_pose(message, "goal_pose")
         except _RefusedError as refused:
             return refused.plan
-        if self._robot() is None:
-            return Plan(status=Status.TF_ERROR, reason="no odometry has come yet")
-        self._goal = goal
-        return self._planned()
+        return self._began() or self._lacking()
 
     def set_params(self, params: Params) -> Plan | None:
-        """Go on with other parameters; a plan where they ask for another one."""
+        """Apply new parameters; a plan where they ask for another one."""
         self._params, self._planner = params, None
-        return self._checked() if self._goal is not None and self._plan is not None else None
+        return self._checked()
 
-    def plan_between(self, start: Any, goal: Any, tolerance: float) -> Plan:
-        """Plan from any pose to any pose (geometry_msgs/PoseStamped), whatever goal is set.
+    def plan_between(self, start: Pose2D, goal: Pose2D, tolerance: float = 0.0) -> Plan:
+        """Plan from any pose to any pose, whatever goal is set.
 
         Parameters
         ----------
-        start, goal : geometry_msgs.msg.PoseStamped
+        start, goal : Pose2D
+            In the map.
         tolerance : float [m]
             In place of ``planner.goal_tolerance``, where it is more than 0.
         """
-        try:
-            places = self._place(start, "start"), self._place(goal, "goal")
-        except _RefusedError as refused:
-            return refused.plan
+        if self._height_map is None:
+            return self._lacking()
         params = self._params.planner
         if math.isfinite(tolerance) and tolerance > 0.0:
             params = replace(params, goal_tolerance=min(tolerance, 10.0))
-        planner = Planner(self._route_planner().graph, self._params.traversability, params)
-        return planner.plan(*places, is_robot_there=False)
+        planner = Planner(
+            self._planner_over(self._height_map).graph, self._params.traversability, params
+        )
+        return planner.plan(start, goal, is_robot_there=False)
 
-    def _drop(self, kind: str, error: InputError) -> None:
-        self.dropped[f"{kind}: bad {str(error).partition(':')[0]}"] += 1
-
-    def _place(self, message: Any, field: str) -> Pose2D:
-        if self._height_map is None:
-            raise _RefusedError(Status.UNKNOWN, "no map has come yet")
+    def answer(self, start: Any, goal: Any, tolerance: float) -> Plan:
+        """`plan_between` of geometry_msgs/PoseStamped, as of nav_msgs/GetPlan."""
         try:
-            T = decode.pose_in(message, self._params.mapping.map_frame, field)
-        except InputError as error:
-            is_frame = "frame_id" in str(error)
-            raise _RefusedError(
-                Status.TF_ERROR if is_frame else Status.UNKNOWN, str(error)
-            ) from None
-        return _place_of(T)
+            poses = self._decoded_pose(start, "start"), self._decoded_pose(goal, "goal")
+        except _RefusedError as refused:
+            return refused.plan
+        return self.plan_between(*poses, tolerance)
 
-    def _route_planner(self) -> Planner:
-        """The planner over the newest map, which is converted when it is first needed."""
+    def _decoded_pose(self, message: Any, field: str) -> Pose2D:
+        frame = self._params.mapping.map_frame
+        try:
+            return _pose_2d(decode.pose_in(message, frame))
+        except InputError as error:
+            status = Status.TF_ERROR if "frame_id" in str(error) else Status.UNKNOWN
+            raise _RefusedError(Plan(status=status, reason=f"{field}.{error}")) from None
+
+    def _lacking(self) -> Plan:
+        """What is waited for, as a plan without a path."""
+        if self._height_map is None:
+            status, lacking = Status.UNKNOWN, "no map has come yet"
+        else:
+            status, lacking = Status.TF_ERROR, "no odometry has come yet"
+        kept = "; the goal is kept" if self._waiting_goal is not None else ""
+        return Plan(status=status, reason=lacking + kept)
+
+    def _planner_over(self, height_map: HeightMap) -> Planner:
+        """The planner over the newest map, whose graph is made when it is first needed."""
         if self._planner is None:
-            assert self._height_map is not None
             terrain, params = self._params.traversability, self._params.planner
-            graph = transition_graph(self._height_map, terrain, params)
+            graph = transition_graph(height_map, terrain, params)
             self._planner = Planner(graph, terrain, params)
         return self._planner
 
     def _robot(self) -> Pose2D | None:
         if self._T_odom_base is None:
             return None
-        return _place_of(self._T_map_odom @ self._T_odom_base)
+        return _pose_2d(self._T_map_odom @ self._T_odom_base)
 
-    def _planned(self) -> Plan:
-        """Plan from where the robot is, and keep the plan."""
-        plan = self._candidate()
-        self._keep(plan)
-        return plan
+    def _began(self) -> Plan | None:
+        """Plan to the goal that waits, once there are a map and a pose."""
+        goal, robot = self._waiting_goal, self._robot()
+        if goal is None or robot is None or self._height_map is None:
+            return None
+        self._waiting_goal = None
+        return self._replaced(goal, robot, self._planned(goal, robot, self._height_map))
 
-    def _candidate(self) -> Plan:
-        robot = self._robot()
-        assert robot is not None
-        assert self._goal is not None
+    def _planned(self, goal: Pose2D, robot: Pose2D, height_map: HeightMap) -> Plan:
         try:
-            return self._route_planner().plan(
-                robot, self._goal, is_robot_there=True, is_field_wanted=True
-            )
+            planner = self._planner_over(height_map)
         except InputError as error:
             return Plan(status=Status.UNKNOWN, reason=str(error))
+        return planner.plan(robot, goal, is_robot_there=True, is_field_wanted=True)
 
-    def _keep(self, plan: Plan) -> None:
-        robot = self._robot()
-        assert robot is not None
-        self._plan, self._moved_from = plan, np.array([robot.x, robot.y])
+    def _replaced(self, goal: Pose2D, robot: Pose2D, plan: Plan) -> Plan:
+        """Follow another plan from where the robot is."""
+        self._mission = _Mission(goal=goal, plan=plan, moved_from=np.array([robot.x, robot.y]))
+        return plan
 
     def _checked(self) -> Plan | None:
         """After a change of the map: another plan where the path is closed or much too long."""
-        assert self._plan is not None
-        plan = self._candidate()
-        if self._plan.status is not Status.NONE:
-            is_replaced = plan.status is not self._plan.status
-        else:
-            cost = self._cost_ahead()
-            share = 1.0 - self._params.planning.replan_gain
-            is_replaced = cost is None or (
-                plan.status is Status.NONE and plan.cost < share * cost - LEAST_GAIN
-            )
-        if is_replaced:
-            self._keep(plan)
-            return plan
+        mission, robot, height_map = self._mission, self._robot(), self._height_map
+        if mission is None or robot is None or height_map is None:
+            return None
+        plan = self._planned(mission.goal, robot, height_map)
+        if self._is_better(plan, mission.plan, robot, height_map):
+            return self._replaced(mission.goal, robot, plan)
         if plan.cost_to_go is not None:  # the path stays; the best direction is that of this map
-            self._plan = replace(self._plan, graph=plan.graph, cost_to_go=plan.cost_to_go)
+            kept = replace(mission.plan, graph=plan.graph, cost_to_go=plan.cost_to_go)
+            self._mission = replace(mission, plan=kept)
         return None
 
-    def _cost_ahead(self) -> float | None:
-        """Cost [m] of what is left of the path on the newest map; None where that is closed."""
-        assert self._plan is not None
-        robot = self._robot()
-        assert robot is not None
-        poses = self._plan.poses
-        away = np.hypot(poses[:, 0, 3] - robot.x, poses[:, 1, 3] - robot.y)
-        return self._route_planner().cost_along(poses[int(away.argmin()) :], robot)
+    def _is_better(self, plan: Plan, followed: Plan, robot: Pose2D, height_map: HeightMap) -> bool:
+        """Whether a plan over the newest map takes the place of the one that is followed."""
+        if not followed.found:
+            return plan.status is not followed.status
+        away = np.hypot(followed.poses[:, 0, 3] - robot.x, followed.poses[:, 1, 3] - robot.y)
+        ahead = followed.poses[int(away.argmin()) :]
+        cost = self._planner_over(height_map).cost_along(ahead, robot)
+        if cost is None:
+            return True
+        share = 1.0 - self._params.planning.replan_gain
+        return plan.found and plan.cost < share * cost - LEAST_GAIN
 
     def _followed(self) -> Plan | None:
         """After a motion: another plan where it leads off the best direction (TRULLA's test).
 
-        Where there was no plan, the robot may have come to where there is one.
+        Where there was no path, the robot may have come to where there is one.
         """
-        assert self._plan is not None
-        robot, goal = self._robot(), self._goal
-        assert robot is not None
-        assert goal is not None
-        is_there = self._plan.status is Status.NONE
-        away = math.hypot(robot.x - goal.x, robot.y - goal.y)
-        if is_there and away <= self._params.planning.goal_reached:
-            self._goal = None
+        mission, robot, height_map = self._mission, self._robot(), self._height_map
+        if mission is None or robot is None or height_map is None:
             return None
-        moved = np.array([robot.x, robot.y]) - self._moved_from
+        away = math.hypot(robot.x - mission.goal.x, robot.y - mission.goal.y)
+        if mission.plan.found and away <= self._params.planning.goal_reached:
+            self._mission = None
+            return None
+        moved = np.array([robot.x, robot.y]) - mission.moved_from
         if math.hypot(*moved) < MOTION:
             return None
-        if not is_there:
-            status = self._plan.status
-            plan = self._planned()
-            return plan if plan.status is not status else None
-        best = self._best_direction(self._moved_from)
-        self._moved_from = self._moved_from + moved
-        if best is not None:
-            angle = math.atan2(*moved[::-1]) - best
-            if abs(math.remainder(angle, 2.0 * math.pi)) <= self._params.planning.replan_angle:
-                return None
-        return self._planned()
-
-    def _best_direction(self, place: NDArray[np.float64]) -> float | None:
-        """Heading [rad] of the best way from a place; None where no way leads on."""
-        assert self._plan is not None
-        field, graph = self._plan.cost_to_go, self._plan.graph
-        assert field is not None
-        assert graph is not None
-        iy, ix = graph.geometry.cell_at(place)
-        if not graph.geometry.contains((iy, ix)) or field[iy, ix] == UNREACHABLE:
+        if mission.plan.found and self._is_on_course(mission, moved):
+            self._mission = replace(mission, moved_from=mission.moved_from + moved)
             return None
-        way = field.way((int(iy), int(ix)))
-        ahead = way[min(len(way) - 1, round(AHEAD / graph.geometry.resolution))]
-        step = ahead - (iy, ix)
-        return math.atan2(*step) if step.any() else None
+        plan = self._replaced(mission.goal, robot, self._planned(mission.goal, robot, height_map))
+        is_news = mission.plan.found or plan.status is not mission.plan.status
+        return plan if is_news else None
+
+    def _is_on_course(self, mission: _Mission, moved: Array) -> bool:
+        """Whether a motion (2,) [m] led about where the cheapest path leads."""
+        best = _best_direction(mission.plan, mission.moved_from)
+        if best is None:
+            return False
+        off = math.remainder(math.atan2(*moved[::-1]) - best, 2.0 * math.pi)
+        return abs(off) <= self._params.planning.replan_angle
+
+
+def _best_direction(plan: Plan, point: Array) -> float | None:
+    """Heading [rad] of the cheapest path from a point (2,) [m]; None where there is none."""
+    field, graph = plan.cost_to_go, plan.graph
+    if field is None or graph is None:
+        return None
+    iy, ix = graph.geometry.cell_at(point)
+    if not graph.geometry.contains((iy, ix)) or field[iy, ix] == UNREACHABLE:
+        return None
+    cells = field.way((int(iy), int(ix)))
+    ahead = cells[min(len(cells) - 1, round(AHEAD / graph.geometry.resolution))]
+    step = ahead - (iy, ix)
+    return math.atan2(*step) if step.any() else None
 
 
 class _RefusedError(Exception):
     """A pose cannot be used; ``plan`` says why."""
 
-    def __init__(self, status: Status, reason: str) -> None:
-        super().__init__(reason)
-        self.plan = Plan(status=status, reason=reason)
+    def __init__(self, plan: Plan) -> None:
+        super().__init__(plan.reason)
+        self.plan = plan
 
 
-def _place_of(T: se3.Matrix) -> Pose2D:
+def _pose_2d(T: se3.Matrix) -> Pose2D:
     return Pose2D(x=float(T[0, 3]), y=float(T[1, 3]), yaw=math.atan2(T[1, 0], T[0, 0]))
 
 

@@ -1,11 +1,10 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How the commands give a bag to what listens to it: their options and their loop."""
+"""A recorded bag through a pipeline."""
 
 from __future__ import annotations
 
 import time
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar
@@ -16,33 +15,51 @@ from heightmap25d_ros.io.bag import LASER_SCAN, Bag
 from heightmap25d_ros.params.by_name import with_values
 from heightmap25d_ros.params.sections import Params
 
+TRANSFORMS, STATIC_TRANSFORMS = "/tf", "/tf_static"
+
 _Outcome = TypeVar("_Outcome")
 _Outcome_co = TypeVar("_Outcome_co", covariant=True)
 
 
-class Listener(Protocol[_Outcome_co]):
-    """What takes messages in, as `Mapping` and `Localizer` do."""
+class Pipeline(Protocol[_Outcome_co]):
+    """What takes the messages of a robot, as `Mapping` and `Localizer` do."""
 
     @property
     def scan_topics(self) -> tuple[str, ...]:
         """The topics that `take_scan` knows."""
 
     def take_scan(self, topic: str, message: Any) -> Sequence[_Outcome_co]:
-        """Take a LaserScan in."""
+        """Take a LaserScan."""
 
     def take_odometry(self, message: Any) -> Sequence[_Outcome_co]:
-        """Take an Odometry in."""
+        """Take an Odometry."""
 
     def take_transforms(self, message: Any, *, is_static: bool) -> Sequence[_Outcome_co]:
-        """Take a TFMessage in."""
+        """Take a TFMessage."""
 
     def flush(self) -> Sequence[_Outcome_co]:
         """No more messages will come."""
 
 
+def feed(
+    pipeline: Pipeline[_Outcome], topic: str, message: Any, odom_topic: str = "/odom"
+) -> Sequence[_Outcome]:
+    """Hand a recorded message to a pipeline by its topic; what came of it.
+
+    A topic that the pipeline does not know is left out: bags hold more than a pipeline takes.
+    """
+    if topic == odom_topic:
+        return pipeline.take_odometry(message)
+    if topic in (TRANSFORMS, STATIC_TRANSFORMS):
+        return pipeline.take_transforms(message, is_static=topic == STATIC_TRANSFORMS)
+    if topic in pipeline.scan_topics:
+        return pipeline.take_scan(topic, message)
+    return ()
+
+
 @dataclass(frozen=True, slots=True)
 class Step(Generic[_Outcome]):
-    """A message that was given to a listener.
+    """A message that was fed to a pipeline.
 
     Attributes
     ----------
@@ -74,29 +91,19 @@ def with_scan_topics(settings: Params, bag: Bag, chosen: Sequence[str]) -> Param
     return with_values(settings, {"intake.scan_topics": list(topics)})
 
 
-def replayed(bag: Bag, listener: Listener[_Outcome], odom_topic: str) -> Iterator[Step[_Outcome]]:
-    """Give a bag to a listener: a step for each message, and one for the end."""
-    transform_topics = [topic for topic in ("/tf", "/tf_static") if topic in bag.topics]
-    topics = [*listener.scan_topics, odom_topic, *transform_topics]
+def replayed(bag: Bag, pipeline: Pipeline[_Outcome], odom_topic: str) -> Iterator[Step[_Outcome]]:
+    """Feed a bag to a pipeline: a step for each message, and one for the end."""
+    transforms = [topic for topic in (TRANSFORMS, STATIC_TRANSFORMS) if topic in bag.topics]
+    topics = [*pipeline.scan_topics, odom_topic, *transforms]
     total = sum(bag.topics[topic].count for topic in topics if topic in bag.topics)
-    with tqdm(total=total, unit=" messages", unit_scale=True, desc=bag.path.name) as progress:
+    with tqdm(
+        total=total, unit=" messages", unit_scale=True, desc=bag.path.name, disable=None
+    ) as progress:
         for event in bag.events(topics):
             began = time.perf_counter()
-            if event.topic == odom_topic:
-                outcomes = listener.take_odometry(event.message)
-            elif event.topic in transform_topics:
-                is_static = event.topic == "/tf_static"
-                outcomes = listener.take_transforms(event.message, is_static=is_static)
-            else:
-                outcomes = listener.take_scan(event.topic, event.message)
+            outcomes = feed(pipeline, event.topic, event.message, odom_topic)
             yield Step(event.topic, 1e3 * (time.perf_counter() - began), outcomes)
             progress.update()
     began = time.perf_counter()
-    outcomes = listener.flush()
+    outcomes = pipeline.flush()
     yield Step("", 1e3 * (time.perf_counter() - began), outcomes)
-
-
-def reasons(dropped: Counter[str]) -> str:
-    """Why messages were dropped, in one line."""
-    counted = (f"{reason} ({count})" for reason, count in dropped.most_common())
-    return "; ".join(counted) or "the bag has none"

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Between messages and mapper: scans wait here for their poses, and leave in order.
+"""Scans wait in a queue until their poses are known, and leave it in order of time.
 
 What comes out depends on the stamps of the messages, never on wall time, and not on how the
 topics interleave on their way here (as long as nothing comes later than ``wait_limit``): the
@@ -10,19 +10,24 @@ node and the command line make the same map from the same bag.
 from __future__ import annotations
 
 from bisect import insort
-from collections import Counter
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.io import decode
 from heightmap25d_ros.io.decode import Odometry, Transform
 from heightmap25d_ros.mapping.sensor_model import Scan
 from heightmap25d_ros.params.sections import IntakeParams
+from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.transform_buffer import JUMP_BACK_NS, Missing, TransformBuffer
+
+_MOST_FRAMES = 1000
+"""Of scans without mount that are remembered: who sends them may name a new one each time."""
 
 HISTORY = 30.0
 """How long poses are kept beyond ``wait_limit`` [s], for lasers whose scans come late."""
@@ -62,14 +67,18 @@ class _Waiting:
 
 @dataclass(frozen=True, slots=True)
 class _LookupFailure:
-    """What a scan lacks, and why."""
+    """Which transform could not be looked up, and why."""
 
     missing: Missing
     of: str
+    frame: str = ""
 
 
-class ScanIntake:
+class ScanQueue:
     """Joins scans with the poses of the robot and of the lasers at each beam's own time.
+
+    Messages (``take_...``) or decoded values (``add_...``) go in; each call returns the readings
+    that it completed. A bad message is counted and changes nothing.
 
     A scan is released when odometry brackets all of its beams, its mount is known, and every
     other laser has come as far, so that scans leave in the order of (stamp, topic). A laser
@@ -79,17 +88,18 @@ class ScanIntake:
     Parameters
     ----------
     params : IntakeParams
+    dropped : Drops, optional
+        Where to count what is not used.
 
     Attributes
     ----------
-    dropped : Counter of str
-        How many messages were not used, by reason.
+    dropped : Drops
     odometry : Odometry or None
-        The pose of the robot that was taken last.
+        The newest pose of the robot.
     """
 
-    def __init__(self, params: IntakeParams) -> None:
-        self.dropped: Counter[str] = Counter()
+    def __init__(self, params: IntakeParams, dropped: Drops | None = None) -> None:
+        self.dropped = Drops() if dropped is None else dropped
         self.odometry: Odometry | None = None
         self._params = params
         self._wait_limit_ns = round(params.wait_limit * 1e9)
@@ -108,12 +118,27 @@ class ScanIntake:
         self._released_ns: dict[str, int] = {}
         self._given_up: set[str] = set()
 
+    def take_scan(self, topic: str, message: Any) -> list[Reading]:
+        """Take a sensor_msgs/LaserScan of one of ``scan_topics``."""
+        scan = self.dropped.decoded("scan", decode.scan, message)
+        return [] if scan is None else self.add_scan(topic, scan)
+
+    def take_odometry(self, message: Any) -> list[Reading]:
+        """Take a nav_msgs/Odometry."""
+        odometry = self.dropped.decoded("odometry", decode.odometry, message)
+        return [] if odometry is None else self.add_odometry(odometry)
+
+    def take_transforms(self, message: Any, *, is_static: bool) -> list[Reading]:
+        """Take a tf2_msgs/TFMessage of /tf or of /tf_static."""
+        transforms = self.dropped.decoded("transforms", decode.transforms, message)
+        return [] if transforms is None else self.add_transforms(transforms, is_static=is_static)
+
     def set_correction(self, T_map_odom: se3.Matrix) -> None:
         """Pose (4, 4) of the odometry's frame in the map, for all scans released from now on."""
         self._T_map_odom = T_map_odom
 
     def add_scan(self, topic: str, scan: Scan) -> list[Reading]:
-        """Take a scan of one of ``scan_topics`` in; returns the readings that became ready."""
+        """Add a scan of one of ``scan_topics``."""
         if topic not in self._params.scan_topics:
             raise ValueError(f"{topic} is not one of scan_topics {self._params.scan_topics}")
         newest = self._newest_ns.get(topic, scan.stamp_ns)
@@ -126,18 +151,18 @@ class ScanIntake:
         waiting = _Waiting(topic, scan, stamps, int(stamps.max()))
         released = self._released_ns.get(topic, -1)
         if scan.stamp_ns < released:
-            self.dropped["scan: out of order"] += 1
+            self.dropped.record("scan: out of order")
         elif scan.stamp_ns == released or waiting.order in (w.order for w in self._waiting):
-            self.dropped["scan: stamp seen before"] += 1
+            self.dropped.record("scan: stamp seen before")
         else:
             insort(self._waiting, waiting, key=lambda w: w.order)
         return self._release()
 
     def add_odometry(self, odometry: Odometry) -> list[Reading]:
-        """Take a pose of the robot in; returns the readings that became ready."""
+        """Add a pose of the robot."""
         fault = self._odometry_fault(odometry)
-        if fault:
-            self.dropped[fault] += 1
+        if fault is not None:
+            self.dropped.record(*fault)
             return []
         stamp, frame = odometry.stamp_ns, odometry.frame_id
         if stamp < self._odom_stamp_ns:
@@ -153,11 +178,11 @@ class ScanIntake:
     def add_transforms(
         self, transforms: Iterable[Transform], *, is_static: bool = False
     ) -> list[Reading]:
-        """Take what came on /tf or /tf_static in; returns the readings that became ready."""
+        """Add transforms of /tf or /tf_static."""
         try:
             self._transforms.add(transforms, is_static=is_static)
         except InputError as error:
-            self.dropped[str(error)] += 1
+            self.dropped.record("transforms: closes a loop", str(error))
         return self._release()
 
     def settle(self) -> list[Reading]:
@@ -168,23 +193,23 @@ class ScanIntake:
         """Nothing more will come: returns what is ready and counts the rest as dropped."""
         return self._release(is_end=True)
 
-    def _odometry_fault(self, odometry: Odometry) -> str:
-        """Why a pose is not used; empty where it is."""
-        child, frame = odometry.child_frame_id, odometry.frame_id
+    def _odometry_fault(self, odometry: Odometry) -> tuple[str, str] | None:
+        """Why a pose is not used, and an example; None where it is used."""
+        child, frame, stamp = odometry.child_frame_id, odometry.frame_id, odometry.stamp_ns
         if child != self._params.base_frame:
-            return f"odometry: of {child!r}, not of {self._params.base_frame!r}"
+            return "odometry: of another frame", f"of {child!r}, not of {self._params.base_frame!r}"
         if self._odom_frame not in ("", frame):
-            return f"odometry: in {frame!r}, not in {self._odom_frame!r}"
+            return "odometry: in another frame", f"in {frame!r}, not in {self._odom_frame!r}"
         if frame == child:
-            return f"odometry: of {child!r} in itself"
-        if odometry.stamp_ns == self._odom_stamp_ns:
-            return "odometry: stamp seen before"
-        if self._odom_stamp_ns - JUMP_BACK_NS <= odometry.stamp_ns < self._odom_stamp_ns:
-            return "odometry: out of order"
-        return ""
+            return "odometry: of a frame in itself", repr(child)
+        if stamp == self._odom_stamp_ns:
+            return "odometry: stamp seen before", ""
+        if self._odom_stamp_ns - JUMP_BACK_NS <= stamp < self._odom_stamp_ns:
+            return "odometry: out of order", ""
+        return None
 
     def _start_over(self, stamp_ns: int) -> None:
-        self.dropped["poses: clock jumped back"] += 1
+        self.dropped.record("poses: clock jumped back")
         self._forget_waiting(self._params.scan_topics, after_ns=stamp_ns)
         self._transforms.forget_after(stamp_ns + JUMP_BACK_NS)
         self._newest_ns = {topic: min(ns, stamp_ns - 1) for topic, ns in self._newest_ns.items()}
@@ -195,7 +220,7 @@ class ScanIntake:
         kept: list[_Waiting] = []
         for waiting in self._waiting:
             if waiting.topic in topics and waiting.scan.stamp_ns > after_ns + JUMP_BACK_NS:
-                self.dropped["scan: clock jumped back"] += 1
+                self.dropped.record("scan: clock jumped back")
             else:
                 kept.append(waiting)
         self._waiting = kept
@@ -242,7 +267,7 @@ class ScanIntake:
             frame = waiting.scan.frame_id
             looked_up = self._transforms.lookup(base_frame, frame, stamps)
             if isinstance(looked_up, Missing):
-                return _LookupFailure(looked_up, f"the mount of {frame!r}")
+                return _LookupFailure(looked_up, "its mount", frame)
             mount = looked_up
         return Reading(
             topic=waiting.topic,
@@ -251,14 +276,15 @@ class ScanIntake:
             T_base_sensor=mount,
         )
 
-    def _is_final(self, lack: _LookupFailure) -> bool:
+    def _is_final(self, failure: _LookupFailure) -> bool:
         """Whether no message that may still come can help."""
-        if lack.missing is Missing.UNCONNECTED:
-            return lack.of in self._given_up
-        return lack.missing is not Missing.NOT_YET
+        if failure.missing is Missing.UNCONNECTED:
+            return failure.frame in self._given_up
+        return failure.missing is not Missing.NOT_YET
 
-    def _give_up(self, lack: _LookupFailure) -> None:
-        """Count a scan as dropped; what was once waited for in vain is not waited for again."""
-        self.dropped[f"scan: {lack.missing.value} {lack.of}"] += 1
-        if lack.missing is Missing.UNCONNECTED:
-            self._given_up.add(lack.of)
+    def _give_up(self, failure: _LookupFailure) -> None:
+        """Count a scan as dropped; a mount that was waited for in vain is not waited for again."""
+        example = f"frame {failure.frame!r}" if failure.frame else ""
+        self.dropped.record(f"scan: {failure.missing.value} {failure.of}", example)
+        if failure.missing is Missing.UNCONNECTED and len(self._given_up) < _MOST_FRAMES:
+            self._given_up.add(failure.frame)

@@ -61,3 +61,8 @@ class Plan:
     cost: float = 0.0
     graph: TransitionGraph | None = None
     cost_to_go: CostToGo | None = None
+
+    @property
+    def found(self) -> bool:
+        """Whether there is a path."""
+        return self.status is Status.NONE

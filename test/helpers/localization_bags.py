@@ -19,6 +19,7 @@ from heightmap25d_ros.io.bag import Bag, Event
 from heightmap25d_ros.params.by_name import with_values
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.localization import Localizer
+from heightmap25d_ros.pipelines.replay import feed
 from heightmap25d_ros.simulation import recording
 
 SCANS = ("/scan", "/scan_down")
@@ -88,13 +89,8 @@ def drive(
     begin(localizer)
     result = Drive(localizer)
     for event in events:
-        if event.topic in SCANS:
-            result.attempts += localizer.take_scan(event.topic, event.message)
-        elif event.topic.startswith("/tf"):
-            is_static = event.topic == "/tf_static"
-            result.attempts += localizer.take_transforms(event.message, is_static=is_static)
-        elif event.topic == "/odom":
-            result.attempts += localizer.take_odometry(event.message)
+        result.attempts += feed(localizer, event.topic, event.message)
+        if event.topic == "/odom":
             pose = localizer.pose
             assert pose is not None
             assert np.isfinite(pose.T_map_base).all()

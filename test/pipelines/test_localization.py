@@ -26,6 +26,7 @@ from heightmap25d_ros.localization.tracker import Kind
 from heightmap25d_ros.localization.tracking_state import State
 from heightmap25d_ros.params.by_name import with_values
 from heightmap25d_ros.pipelines.localization import Localizer
+from heightmap25d_ros.pipelines.replay import feed
 
 
 @pytest.fixture(scope="module")
@@ -64,12 +65,8 @@ def test_told_poses_move_no_faster_than_allowed_and_not_at_all_when_standing(sta
     localizer.set_long_term(room)
     before, before_odom = None, None
     for event in start:
-        if event.topic in SCANS:
-            localizer.take_scan(event.topic, event.message)
-        elif event.topic.startswith("/tf"):
-            localizer.take_transforms(event.message, is_static=event.topic == "/tf_static")
-        elif event.topic == "/odom":
-            localizer.take_odometry(event.message)
+        feed(localizer, event.topic, event.message)
+        if event.topic == "/odom":
             T, position = localizer.pose.T_map_odom, event.message.pose.pose.position
             here = np.array([position.x, position.y])
             if before is not None:
@@ -234,8 +231,8 @@ def test_an_initial_pose_that_is_sure_of_one_axis_is_usable(start, room):
 @pytest.mark.parametrize(
     ("message", "reason"),
     [
-        (initial_pose((0, 0, 0), 0.0, frame_id="odom"), "initialpose: not in 'map'"),
-        (initial_pose((np.nan, 0, 0), 0.0), "initialpose: bad pose"),
+        (initial_pose((0, 0, 0), 0.0, frame_id="odom"), "initialpose: bad header.frame_id"),
+        (initial_pose((np.nan, 0, 0), 0.0), "initialpose: bad pose.pose"),
         (initial_pose((0, 0, 0), 0.0, -np.eye(6)), "initialpose: bad pose.covariance"),
         (initial_pose((0, 0, 0), 0.0, np.full((6, 6), np.inf)), "initialpose: bad pose.covariance"),
     ],

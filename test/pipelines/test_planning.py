@@ -19,6 +19,7 @@ from heightmap25d_ros.params.by_name import with_values
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.mapping import Mapping
 from heightmap25d_ros.pipelines.planning import Planning
+from heightmap25d_ros.pipelines.replay import feed
 from heightmap25d_ros.planning.plan import Status
 
 START = 10**18
@@ -97,14 +98,14 @@ def planning(height=None, robot=WEST, **values):
 
 def ends(plan):
     """((x, y) of the first pose, (x, y) of the last one); of a plan with a path."""
-    assert plan.status is Status.NONE
+    assert plan.found
     first, last = plan.poses[[0, -1], :2, 3]
     return tuple(first.round(6)), tuple(last.round(6))
 
 
 def crosses_wall_at(plan):
     """The y at which a path crosses the wall."""
-    assert plan.status is Status.NONE
+    assert plan.found
     x, y = plan.poses[:, 0, 3], plan.poses[:, 1, 3]
     return float(np.interp(5.0, x, y))
 
@@ -119,18 +120,43 @@ def assert_plans(p):
     assert ends(p.take_goal(pose_stamped(*EAST))) == (WEST, EAST)
 
 
-def test_a_goal_before_the_map_is_refused_and_the_next_one_is_not():
+def test_a_goal_before_the_map_is_kept_and_planned_to_when_the_map_comes():
     p = planning()
-    assert_refused(p.take_goal(pose_stamped(*EAST)), Status.UNKNOWN, "no map")
+    assert_refused(
+        p.take_goal(pose_stamped(*EAST)), Status.UNKNOWN, "no map has come yet; the goal is kept"
+    )
+    assert ends(p.take_map(grid(FLAT))) == (WEST, EAST)
     assert p.take_map(grid(FLAT)) is None
-    assert_plans(p)
 
 
-def test_a_goal_before_odometry_is_refused_and_the_next_one_is_not():
+def test_a_goal_before_odometry_is_kept_and_planned_to_when_odometry_comes():
     p = planning(FLAT, robot=None)
-    assert_refused(p.take_goal(pose_stamped(*EAST)), Status.TF_ERROR, "no odometry")
+    assert_refused(
+        p.take_goal(pose_stamped(*EAST)),
+        Status.TF_ERROR,
+        "no odometry has come yet; the goal is kept",
+    )
+    assert ends(p.take_odometry(at(*WEST))) == (WEST, EAST)
     assert p.take_odometry(at(*WEST)) is None
-    assert_plans(p)
+
+
+@pytest.mark.parametrize("first", ["map", "odometry"])
+def test_a_goal_before_everything_is_planned_to_when_the_last_part_comes(first):
+    p = planning(robot=None)
+    p.take_goal(pose_stamped(2.0, 8.0))
+    p.take_goal(pose_stamped(*EAST))  # in place of the one before
+    take = {"map": lambda: p.take_map(grid(FLAT)), "odometry": lambda: p.take_odometry(at(*WEST))}
+    assert take.pop(first)() is None
+    (last,) = take.values()
+    assert ends(last()) == (WEST, EAST)
+
+
+def test_a_bad_goal_takes_the_place_of_one_that_waits():
+    p = planning(robot=None)
+    p.take_goal(pose_stamped(*EAST))
+    assert_refused(p.take_goal(pose_stamped(math.nan, 5.0)), Status.UNKNOWN, "not a place")
+    assert p.take_map(grid(FLAT)) is None
+    assert p.take_odometry(at(*WEST)) is None
 
 
 @pytest.mark.parametrize(
@@ -330,7 +356,7 @@ def test_unusable_odometry_and_maps_are_counted_and_leave_all_as_it_was():
     assert p.take_map(grid(wall(), frame_id="odom")) is None
     assert p.dropped == {
         "odometry: bad pose.pose": 1,
-        "odometry: of 'camera'": 1,
+        "odometry: of another frame": 1,
         "map: bad height_resolution": 1,
         "map: bad probability": 1,
         "map: bad info": 1,
@@ -342,15 +368,15 @@ def test_unusable_odometry_and_maps_are_counted_and_leave_all_as_it_was():
 def test_plans_between_any_two_poses_need_no_odometry():
     p = planning(robot=None)
     nowhere = pose_stamped(*WEST), pose_stamped(*EAST)
-    assert_refused(p.plan_between(*nowhere, 0.0), Status.UNKNOWN, "no map")
+    assert_refused(p.answer(*nowhere, 0.0), Status.UNKNOWN, "no map")
     p.take_map(grid(wall(NEAR)))
-    plan = p.plan_between(pose_stamped(*EAST, yaw=1.0), pose_stamped(*WEST, yaw=-1.0), 0.0)
+    plan = p.answer(pose_stamped(*EAST, yaw=1.0), pose_stamped(*WEST, yaw=-1.0), 0.0)
     assert ends(plan) == (EAST, WEST)
     looks = np.arctan2(plan.poses[:, 1, 0], plan.poses[:, 0, 0])
     assert looks[[0, -1]] == pytest.approx([1.0, -1.0])
-    assert_refused(p.plan_between(pose_stamped(*WEST, frame_id="a"), nowhere[1], 0.0),
+    assert_refused(p.answer(pose_stamped(*WEST, frame_id="a"), nowhere[1], 0.0),
                    Status.TF_ERROR, "start.header.frame_id")  # fmt: skip
-    assert_refused(p.plan_between(nowhere[0], pose_stamped(math.nan, 0.0), 0.0),
+    assert_refused(p.answer(nowhere[0], pose_stamped(math.nan, 0.0), 0.0),
                    Status.UNKNOWN, "goal.pose")  # fmt: skip
 
 
@@ -358,17 +384,17 @@ def test_a_tolerance_between_poses_holds_for_that_question():
     p = planning(wall(NEAR))
     question = pose_stamped(*WEST), pose_stamped(5.0, 8.0)
     for tolerance in (0.0, -1.0, math.nan, math.inf, 0.2):
-        assert p.plan_between(*question, tolerance).status is Status.GOAL_OCCUPIED
+        assert p.answer(*question, tolerance).status is Status.GOAL_OCCUPIED
     for tolerance in (1.0, 1e9):
-        _, (x, y) = ends(p.plan_between(*question, tolerance))
+        _, (x, y) = ends(p.answer(*question, tolerance))
         assert 0.5 < math.hypot(x - 5.0, y - 8.0) < 0.9
-    assert p.plan_between(*question, 0.0).status is Status.GOAL_OCCUPIED
+    assert p.answer(*question, 0.0).status is Status.GOAL_OCCUPIED
 
 
 def test_a_plan_between_poses_leaves_the_goal_as_it_is():
     p = planning(wall(NEAR, FAR))
     assert_plans(p)
-    assert ends(p.plan_between(pose_stamped(1.0, 1.0), pose_stamped(2.0, 8.0), 0.0))
+    assert ends(p.answer(pose_stamped(1.0, 1.0), pose_stamped(2.0, 8.0), 0.0))
     assert ends(p.take_map(grid(wall(FAR)))) == (WEST, EAST)
 
 
@@ -461,13 +487,9 @@ def test_a_first_goal_needs_the_ground_that_the_lasers_do_not_see(start_radius, 
     with Bag(BAG) as bag:
         events = bag.events(["/scan", "/scan_down", "/odom", "/tf_static"])
         for event in islice(events, 60):
+            feed(mapping, event.topic, event.message)
             if event.topic == "/odom":
-                mapping.take_odometry(event.message)
                 planning.take_odometry(event.message)
-            elif event.topic == "/tf_static":
-                mapping.take_transforms(event.message, is_static=True)
-            else:
-                mapping.take_scan(event.topic, event.message)
     message = HeightGrid()
     encode.fill_height_grid(message, mapping.maps()[0], mapping.stamp_ns, "map")
     planning.take_map(message)
