@@ -13,14 +13,14 @@ import numpy as np
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.simulation import indoor, outdoor, outgoing, truth
+from heightmap25d_ros.simulation import indoor, outdoor, outgoing, plain, repeats, truth
 from heightmap25d_ros.simulation.drive import Driver
 from heightmap25d_ros.simulation.lasers import DOWN, LEVEL, NODDING, SCAN_DURATION, Laser
 from heightmap25d_ros.simulation.odometry import EXACT_ODOMETRY
 from heightmap25d_ros.simulation.simulation import NOISE_FREE, Event, Noise, Simulation
 from heightmap25d_ros.simulation.worlds import World, weaving
 
-BUILDERS = {**outdoor.BUILDERS, **indoor.BUILDERS}
+BUILDERS = {**outdoor.BUILDERS, **indoor.BUILDERS, **plain.BUILDERS, **repeats.BUILDERS}
 _REST = 0.4
 _TIME_LIMIT = 600.0
 
