@@ -3,8 +3,8 @@
 """Worlds with nothing to hold on to along the drive: plain_ramp, plain_street, corridor, court.
 
 Between their ends, surfaces do not change along x (on the ramp: along its slope), so that no scan
-tells how far the robot has come. The lasers reach 30 m ahead: street and corridor are longer than
-that by more than 20 m, over which their far ends are out of sight.
+tells how far the robot has come. The lasers reach 30 m ahead: street and corridor are plain over
+about 50 m, so that nothing else is in sight for about 20 m.
 """
 
 from __future__ import annotations
@@ -34,7 +34,8 @@ def plain_ramp(rng: np.random.Generator) -> World:
     """A straight ramp upwards between smooth walls, 14.5 to 15.5 m long, 8 to 12 % steep.
 
     Level ends with crates and low walls across. From the ramp the level laser looks over those
-    at its head, so that it meets only the walls beside it.
+    at its head: what it meets up to 1.5 m above the robot are the walls beside it, which end 8 m
+    behind the low one.
     """
     slope, length = rng.uniform(0.08, 0.12), rng.uniform(14.5, 15.5)
     half = rng.uniform(1.5, 1.8)
@@ -46,8 +47,8 @@ def plain_ramp(rng: np.random.Generator) -> World:
         floor(),
         ramp((foot, head), lane, (0.0, rise), thickness=2.0),
         box((head, end), lane, (-0.5, rise)),
-        box((back - 0.2, end + 0.2), (half, half + 0.2), (-0.5, rise + 2.2)),
-        box((back - 0.2, end + 0.2), (-half - 0.2, -half), (-0.5, rise + 2.2)),
+        box((back - 0.2, end + 8.0), (half, half + 0.2), (-0.5, rise + 2.2)),
+        box((back - 0.2, end + 8.0), (-half - 0.2, -half), (-0.5, rise + 2.2)),
         box((back - 0.2, back), lane, (-0.5, 1.0)),
         box((end, end + 0.2), lane, (-0.5, rise + 0.8)),
         *_crates(rng, (back, foot - 0.8), half, (0.25, 0.9)),
@@ -79,14 +80,14 @@ def plain_street(rng: np.random.Generator) -> World:
 
 
 def corridor(rng: np.random.Generator) -> World:
-    """A straight corridor of about 60 m; cabinets stand in its first and its last 5 m only."""
+    """A straight corridor of about 60 m; cabinets stand in its first and its last 4 m only."""
     half, end = rng.uniform(1.1, 1.35), rng.uniform(57.0, 59.0)
     back = -2.53
     solids = [
         floor(),
         *walls((back, end), (-half, half), 2.6),
-        *_crates(rng, (back, 2.5), half, (0.4, 2.0)),
-        *_crates(rng, (end - 5.0, end), half, (0.4, 2.0)),
+        *_crates(rng, (-0.5, 4.0), half, (0.4, 2.0)),
+        *_crates(rng, (end - 4.0, end), half, (0.4, 2.0)),
     ]
     return World(name="corridor", area=((-3.0, 59.5), (-1.75, 1.75)), way=_straight(end - 1.5),
                  solids=tuple(solids))  # fmt: skip
