@@ -54,7 +54,7 @@ def plain_ramp(rng: np.random.Generator) -> World:
         *_crates(rng, (back, foot - 0.8), half, (0.25, 0.9)),
         *_crates(rng, (head + 1.2, end), half, (0.2, 0.42), rise),
     ]
-    return World(name="plain_ramp", area=((-3.0, 27.5), (-2.25, 2.25)),
+    return World(name="plain_ramp", area=((-3.0, 35.25), (-2.25, 2.25)),
                  way=_straight(end - 1.5), solids=tuple(solids))  # fmt: skip
 
 
