@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from heightmap25d_ros.commands.common import Figures, add_command
+from heightmap25d_ros.params.sections import SimulatorParams
+from heightmap25d_ros.params.spec import specs
 
 
 def add_to(commands: Any) -> None:
@@ -16,13 +18,20 @@ def add_to(commands: Any) -> None:
     command = add_command(
         commands, "simulate", _simulate, "a bag of a simulated drive, and its truth"
     )
+    worlds = {name: spec.choices for name, spec, _ in specs(SimulatorParams())}["world"]
     command.add_argument("world", metavar="WORLD",
-                         help="ramp, room, rough, street, arch, garage or moving")  # fmt: skip
-    command.add_argument("--seed", type=int, default=1, metavar="N",
+                         help=f"{', '.join(worlds[:-1])} or {worlds[-1]}")  # fmt: skip
+    command.add_argument("--seed", type=_integer, default=1, metavar="N",
                          help="of the world's details and of the noise (default: 1)")  # fmt: skip
-    command.add_argument("--drive", type=int, default=0, metavar="N",
+    command.add_argument("--drive", type=_integer, default=0, metavar="N",
                          help="another way through the same world, with other errors "
                          "(default: 0, the world's own)")  # fmt: skip
+    command.add_argument("--speed", type=float, metavar="V",
+                         help="of the drive [m/s], 0.1 to 1.5 "
+                         "(default: the world's own)")  # fmt: skip
+    command.add_argument("--slip", type=float, metavar="S",
+                         help="standard deviation of the odometry's slowly varying error of "
+                         "the distance per distance, 0 to 1 (default: 0.055)")  # fmt: skip
     command.add_argument("-o", "--output", type=Path, required=True, metavar="BAG",
                          help="rosbag2 directory to write, with truth/ in it")  # fmt: skip
     command.add_argument("--scan-rate", type=float, default=37.5, metavar="HZ",
@@ -30,6 +39,15 @@ def add_to(commands: Any) -> None:
     command.add_argument("--nodding", action="store_true", help="a third laser, which nods")
     command.add_argument("--true-odometry", action="store_true", help="/odom without errors")
     command.add_argument("--noise-free", action="store_true", help="nothing errs")
+
+
+def _integer(text: str) -> int:
+    """A whole number; one of too many digits is told without them."""
+    try:
+        return int(text)
+    except ValueError:
+        shown = text if len(text) < 30 else f"{text[:20]}... ({len(text)} characters)"
+        raise argparse.ArgumentTypeError(f"invalid int value: {shown!r}") from None
 
 
 def _simulate(options: argparse.Namespace) -> Figures:
@@ -41,9 +59,12 @@ def _simulate(options: argparse.Namespace) -> Figures:
         options.seed,
         options.output,
         drive=options.drive,
+        speed=options.speed,
         scan_rate=options.scan_rate,
         has_nodding=options.nodding,
         noise=recording.noise_of(
-            noise_free=options.noise_free, true_odometry=options.true_odometry
+            noise_free=options.noise_free,
+            true_odometry=options.true_odometry,
+            slip=options.slip,
         ),
     )

@@ -400,7 +400,10 @@ class SimulatorParams(Section):
 
     world: str = parameter(
         "room", "where the robot is",
-        choices=("ramp", "room", "rough", "street", "arch", "garage", "moving"),
+        choices=(
+            "ramp", "room", "rough", "street", "arch", "garage", "moving", "plain_ramp",
+            "plain_street", "corridor", "court", "pillars", "twin_rooms",
+        ),
     )  # fmt: skip
     seed: int = parameter(1, "of the world's details and of the noise, from 0 on")
     rate: float = parameter(1.0, "times real time, where the machine can", low=0.01, high=100.0)

@@ -31,7 +31,11 @@ class OdometryNoise:
     heading_bias : float [rad/m]
         Unequal wheels.
     slip, slip_length : float, float [m]
-        Error of the way per way that comes and goes: spread, and over how much way it lasts.
+        Slip of the wheels: error of the distance per distance along the surface, that comes and
+        goes (Gauss-Markov, mean zero). Its standard deviation, and over how much distance it
+        lasts. Where it is positive the wheels turn more than the robot moves, and the odometry
+        reports too much distance, on a slope too much climb with it. Over a distance d, longer
+        than it lasts, the error has a standard deviation of ``slip * sqrt(2 d slip_length)``.
     heading_walk : float [rad/sqrt(m)]
         Random walk along the way.
     tilt_sigma, tilt_time : float [rad], [s]

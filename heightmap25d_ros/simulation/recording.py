@@ -12,15 +12,24 @@ from typing import Any
 import numpy as np
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
+from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.simulation import indoor, messages, outdoor, truth
+from heightmap25d_ros.simulation import indoor, messages, outdoor, plain, repeats, truth
 from heightmap25d_ros.simulation.lasers import DOWN, LEVEL, NODDING, SCAN_DURATION, Laser
 from heightmap25d_ros.simulation.odometry import EXACT_ODOMETRY
 from heightmap25d_ros.simulation.pure_pursuit import Driver
+from heightmap25d_ros.simulation.robot import MAX_SPEED
 from heightmap25d_ros.simulation.simulation import NOISE_FREE, Noise, Simulation, TimedMessage
 from heightmap25d_ros.simulation.worlds import World, weaving
 
-BUILDERS = {**outdoor.BUILDERS, **indoor.BUILDERS}
+BUILDERS = {**outdoor.BUILDERS, **indoor.BUILDERS, **plain.BUILDERS, **repeats.BUILDERS}
+MIN_SPEED = 0.1
+"""Slowest drive of a recording [m/s]."""
+
+MAX_SEED = 2**63 - 1
+"""What the truth's files and a ROS parameter can hold."""
+
+_POSES = ("/odom", "/ground_truth")
 _REST = 0.4
 _TIME_LIMIT = 600.0
 
@@ -31,12 +40,12 @@ def world_of(name: str, seed: int) -> World:
     Raises
     ------
     InputError
-        For an unknown name or a negative seed.
+        For an unknown name or a seed that is not within 0 .. `MAX_SEED`.
     """
     if name not in BUILDERS:
         raise InputError(f"world {name!r} is not one of {', '.join(BUILDERS)}")
-    if seed < 0:
-        raise InputError(f"seed {seed}: is negative")
+    if not 0 <= seed <= MAX_SEED:
+        raise InputError(f"seed: is not within 0 .. {MAX_SEED}")
     return BUILDERS[name](np.random.default_rng([seed, len(name)]))
 
 
@@ -55,12 +64,30 @@ def another_drive(world: World, seed: int, drive: int) -> World:
     return replace(world, way=weaving(world.way, np.random.default_rng([seed, drive])))
 
 
+def at_speed(world: World, speed: float | None) -> World:
+    """The world with its drive at another speed [m/s]; None: the world's own.
+
+    What moves in it keeps its own times.
+
+    Raises
+    ------
+    InputError
+        If the speed is not one that is driven.
+    """
+    if speed is None:
+        return world
+    if not MIN_SPEED <= speed <= MAX_SPEED:
+        raise InputError(f"speed {speed:g}: is not within {MIN_SPEED:g} .. {MAX_SPEED:g}")
+    return replace(world, speed=speed)
+
+
 def simulate(
     name: str,
     seed: int,
     directory: Path,
     *,
     drive: int = 0,
+    speed: float | None = None,
     scan_rate: float = LEVEL.rate,
     has_nodding: bool = False,
     noise: Noise | None = None,
@@ -77,6 +104,8 @@ def simulate(
         Of the bag; it must not exist.
     drive : int
         Others than 0 take another way through the same world, and err in another way.
+    speed : float [m/s], optional
+        Of the drive; the world's own otherwise.
     scan_rate : float [Hz]
     has_nodding : bool
         Whether there is a third laser, which nods.
@@ -90,12 +119,12 @@ def simulate(
     Raises
     ------
     InputError
-        If the directory exists, or for an unknown world, a negative seed or drive, a rate out of
-        range.
+        If the directory exists, or for an unknown world, a negative drive, a seed, a speed or a
+        rate out of range, and where the robot cannot follow the drive.
     """
     if directory.exists():
         raise InputError(f"{directory}: exists already")
-    world = another_drive(world_of(name, seed), seed, drive)
+    world = at_speed(another_drive(world_of(name, seed), seed, drive), speed)
     mounted = mounted_lasers(scan_rate, has_nodding=has_nodding)
     simulation = Simulation(world, [seed, drive] if drive else seed, noise, mounted)
     surface = truth.Surface(world)
@@ -108,6 +137,9 @@ def simulate(
         "world": name,
         "seed": seed,
         "drive": drive,
+        "speed [m/s]": world.speed,
+        "distance [m]": round(path_length(world.way), 3),
+        "odometry error [m]": round(_odometry_error(events), 3),
         "duration [s]": round(simulation.seconds, 3),
         "messages": len(events),
     }
@@ -127,15 +159,49 @@ def mounted_lasers(scan_rate: float, *, has_nodding: bool) -> tuple[Laser, ...]:
     return tuple(replace(laser, rate=scan_rate) for laser in mounted)
 
 
-def noise_of(*, noise_free: bool, true_odometry: bool) -> Noise:
-    """The noise that options ask for."""
+def noise_of(*, noise_free: bool, true_odometry: bool, slip: float | None = None) -> Noise:
+    """The noise that options ask for.
+
+    Parameters
+    ----------
+    noise_free, true_odometry : bool
+        Nothing errs; the odometry does not.
+    slip : float, optional
+        `OdometryNoise.slip`, error of the distance per distance (standard deviation).
+
+    Raises
+    ------
+    InputError
+        If the slip is not within 0 .. 1, or odometry that slips shall be without errors.
+    """
     noise = NOISE_FREE if noise_free else Noise()
-    return replace(noise, odometry=EXACT_ODOMETRY) if true_odometry else noise
+    if true_odometry:
+        noise = replace(noise, odometry=EXACT_ODOMETRY)
+    if slip is None:
+        return noise
+    if not 0.0 <= slip <= 1.0:
+        raise InputError(f"slip {slip:g}: is not within 0 .. 1")
+    if noise_free or true_odometry:
+        raise InputError("slip: odometry is without errors or slips, not both")
+    return replace(noise, odometry=replace(noise.odometry, slip=slip))
+
+
+def path_length(path: Array) -> float:
+    """Length [m] of a path through points (N, 2) [m]."""
+    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+
+
+def _odometry_error(events: Sequence[TimedMessage]) -> float:
+    """Distance [m] of the last pose of /odom from that of /ground_truth."""
+    last = {event.topic: event.message for event in events if event.topic in _POSES}
+    known, true = (last[topic].pose.pose.position for topic in _POSES)
+    return float(np.linalg.norm([known.x - true.x, known.y - true.y, known.z - true.z]))
 
 
 def _drive(simulation: Simulation, world: World, surface: truth.Surface) -> list[TimedMessage]:
     """From standing to standing; ends with a pose, so that poses bracket every scan."""
     driver = Driver(world.way, world.speed)
+    time_limit = max(_TIME_LIMIT, 2.0 * path_length(world.way) / world.speed)
     events: list[TimedMessage] = []
     stopped: float | None = None
     while stopped is None or simulation.seconds < stopped + _REST or not simulation.is_at_pose:
@@ -143,9 +209,9 @@ def _drive(simulation: Simulation, world: World, surface: truth.Surface) -> list
         command = (0.0, 0.0) if is_resting else driver.command(simulation.robot.T)
         events += simulation.step(*command)
         surface.add(simulation)
-        if simulation.robot.is_blocked or simulation.seconds > _TIME_LIMIT:
+        if simulation.robot.is_blocked or simulation.seconds > time_limit:
             x, y = simulation.robot.T[:2, 3]
-            raise RuntimeError(f"{world.name}: the drive is blocked at ({x:.2f}, {y:.2f})")
+            raise InputError(f"{world.name}: the drive is blocked at ({x:.2f}, {y:.2f})")
         if driver.is_done and stopped is None:
             stopped = simulation.seconds
     return events

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from math import hypot
@@ -57,6 +57,46 @@ def walls(x: Span, y: Span, height: float, thickness: float = 0.2) -> list[Solid
         box(outer_x, (y[0] - thickness, y[0]), z),
         box(outer_x, (y[1], y[1] + thickness), z),
     ]
+
+
+Recess = tuple[float, float, float]
+"""Start along a wall, width and depth of a door, a niche or a doorway [m]."""
+
+
+def recessed_wall(
+    along: Span,
+    face: float,
+    outward: float,
+    recesses: Sequence[Recess],
+    height: float = 2.6,
+    *,
+    along_x: bool = True,
+) -> list[Solid]:
+    """A wall along x or y whose face steps back in places.
+
+    Parameters
+    ----------
+    along : (low, high) [m]
+        Along x, or along y where ``along_x`` is false.
+    face : float [m]
+        Of the wall, across.
+    outward : float
+        1 or -1: the sign of the direction from the face into the wall.
+    recesses : sequence of Recess
+        In order, none within another, less deep than 0.6 m.
+    height : float [m]
+    """
+    pieces, at = [], along[0]
+    for start, width, depth in recesses:
+        pieces += [(at, start, 0.0), (start, start + width, depth)]
+        at = start + width
+    solids = []
+    for start, end, depth in [*pieces, (at, along[1], 0.0)]:
+        near, far = face + outward * depth, face + outward * 0.7
+        across = (min(near, far), max(near, far))
+        x, y = ((start, end), across) if along_x else (across, (start, end))
+        solids.append(box(x, y, (-0.5, height)))
+    return solids
 
 
 def floor(z: float = 0.0) -> Solid:

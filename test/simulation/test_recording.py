@@ -19,7 +19,9 @@ from heightmap25d_ros.cli import main
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.simulation import recording
 from heightmap25d_ros.simulation.recording import BUILDERS
-from heightmap25d_ros.simulation.worlds import distance_to_way
+from heightmap25d_ros.simulation.worlds import World, distance_to_way, floor, walls
+
+COMMITTED = ("arch", "garage", "moving", "ramp", "room", "rough", "street")
 
 
 def sha256(directory: Path) -> dict[str, str]:
@@ -116,13 +118,97 @@ def test_true_odometry_is_the_truth_and_the_other_drifts(recorded: Path, tmp_pat
     assert nods.count("laser_nod") == nods.count("base_link")
 
 
-@pytest.mark.parametrize("world", ["moon", "room --seed -1", "room --scan-rate 80"])
+@pytest.mark.parametrize("world", [
+    "moon", "room --seed -1", f"room --seed {2**63}", f"room --seed {10**80}",
+    "room --scan-rate 80", "room --speed 0", "room --speed 1.6", "room --speed nan",
+    "room --slip -0.1", "room --slip 1.1", "room --slip nan", "room --slip 0.1 --true-odometry",
+    "room --slip 0.1 --noise-free",
+])  # fmt: skip
 def test_what_cannot_be_simulated_is_told(
     world: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["simulate", *world.split(), "-o", str(tmp_path / "bag")]) == 2
     assert capsys.readouterr().err.count("\n") == 1
     assert not (tmp_path / "bag").exists()
+
+
+def test_number_of_too_many_digits_is_told_without_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        main(["simulate", "room", "--seed", "9" * 5000, "-o", str(tmp_path / "bag")])
+    assert stopped.value.code == 2
+    assert "5000 characters" in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_largest_seed_works(tmp_path: Path) -> None:
+    bag, seed = tmp_path / "bag", 2**63 - 1
+    options = ["--seed", str(seed), "--scan-rate", "1"]
+    assert main(["simulate", "plain_ramp", "-o", str(bag), *options]) == 0
+    with np.load(bag / "truth" / "surface.npz") as surface:
+        assert int(surface["seed"]) == seed
+
+
+def test_drive_that_is_blocked_is_told(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    solids = (floor(), *walls((-2.0, 3.0), (-2.0, 2.0), 2.0))
+    path = np.array([(0.0, 0.0), (6.0, 0.0)])
+    blocked = World(name="cell", area=((-2.5, 3.5), (-2.5, 2.5)), way=path, solids=solids)
+    monkeypatch.setitem(BUILDERS, "cell", lambda rng: blocked)
+    assert main(["simulate", "cell", "--scan-rate", "1", "-o", str(tmp_path / "bag")]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "blocked at (2." in error
+    assert not (tmp_path / "bag").exists()
+
+
+def ramp_bag(directory: Path, *options: str) -> Path:
+    """A bag of few scans in plain_ramp."""
+    arguments = ["simulate", "plain_ramp", "--scan-rate", "5", "-o", str(directory), *options]
+    assert main(arguments) == 0
+    return directory
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return ramp_bag(tmp_path_factory.mktemp("plain") / "ramp")
+
+
+def serialized(bag: Path, *topics: str) -> list[tuple[str, int, bytes]]:
+    with AnyReader([bag]) as reader:
+        connections = [c for c in reader.connections if c.topic in topics]
+        return [(c.topic, at, bytes(data)) for c, at, data in reader.messages(connections)]
+
+
+def test_slip_is_in_the_odometry_only(plain: Path, tmp_path: Path) -> None:
+    slipping = ramp_bag(tmp_path / "ramp", "--slip", "0.2")
+    true = ("/ground_truth", "/scan", "/scan_down", "/tf_static")
+    assert serialized(plain, *true) == serialized(slipping, *true)
+    assert sha256(plain / "truth") == sha256(slipping / "truth")
+    for topic in ("/odom", "/tf"):
+        before, after = serialized(plain, topic), serialized(slipping, topic)
+        assert [at for _, at, _ in before] == [at for _, at, _ in after]
+        assert before != after
+
+
+def test_same_speed_and_slip_same_bytes(plain: Path, tmp_path: Path) -> None:
+    """The defaults as well when they are said."""
+    said = ramp_bag(tmp_path / "said" / "ramp", "--speed", "1.0", "--slip", "0.055")
+    assert sha256(said) == sha256(plain)
+    options = "--speed", "1.4", "--slip", "0.165", "--seed", "3"
+    first, second = (ramp_bag(tmp_path / name / "ramp", *options) for name in ("a", "b"))
+    assert sha256(first) == sha256(second)
+    assert sha256(first) != sha256(plain)
+
+
+@pytest.mark.parametrize("speed", [0.25, 1.4])
+def test_drive_is_as_fast_as_said(speed: float, tmp_path: Path) -> None:
+    bag = ramp_bag(tmp_path / "ramp", "--speed", str(speed))
+    poses = [message.pose.pose.position for _, _, message in messages(bag, "/ground_truth")]
+    steps = np.linalg.norm(np.diff([(p.x, p.y, p.z) for p in poses], axis=0), axis=1)
+    assert np.median(steps) / 0.02 == pytest.approx(speed, rel=1e-3)
+    assert steps.max() / 0.02 <= speed * 1.01
 
 
 def test_existing_directory_is_kept(recorded: Path) -> None:
@@ -144,7 +230,7 @@ def test_missing_mujoco_is_told_with_its_cure(
     assert error.count("\n") == 1
 
 
-@pytest.mark.parametrize("world", sorted(BUILDERS))
+@pytest.mark.parametrize("world", COMMITTED)
 def test_committed_bag_is_mapped_without_drops(
     world: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -157,7 +243,7 @@ def test_committed_bag_is_mapped_without_drops(
     assert figures["merged"]["scans"] == counts["/scan"] + counts["/scan_down"]
 
 
-@pytest.mark.parametrize("world", sorted(BUILDERS))
+@pytest.mark.parametrize("world", COMMITTED)
 def test_truth_holds_together(world: str) -> None:
     with np.load(BAGS / f"{world}_1" / "truth" / "surface.npz") as surface:
         top, seen, ground = surface["top"], surface["seen"], surface["ground"]
