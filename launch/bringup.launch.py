@@ -2,56 +2,53 @@
 # SPDX-License-Identifier: Apache-2.0
 """ros2 launch heightmap25d_ros bringup.launch.py params_file:=my_robot.yaml: the nodes."""
 
-from pathlib import Path
-
-from ament_index_python import get_package_share_path
+import yaml
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-PACKAGE = "heightmap25d_ros"
-PARAMS = get_package_share_path(PACKAGE) / "config" / "atrvjr.yaml"
-ARGUMENTS = [
-    ("params_file", str(PARAMS), "ROS parameter file of all nodes"),
-    ("map", "", "map directory to begin with (and to localize in); empty: none"),
-    ("namespace", "", "of nodes and topics, /tf and /tf_static as well"),
-    ("use_sim_time", "false", "true: time comes from /clock"),
-    ("autostart", "true", "false: a lifecycle manager configures and activates"),
-    ("nodes", "", "which nodes; empty: mapping planning, and localization where there is a map"),
-]
+from heightmap25d_ros.commands import bringup
+
+DEFAULTS = {"params_file": str(bringup.default_params_file()), "use_sim_time": "false"}
+AUTOSTART = "false: a lifecycle manager configures and activates the nodes"
 
 
 def start(context):
-    """The nodes that are asked for."""
-    argument = {name: LaunchConfiguration(name).perform(context) for name, _, _ in ARGUMENTS}
-    values = {name: argument[name] == "true" for name in ("use_sim_time", "autostart")}
-    names, maps = ["mapping", "planning"], {}
-    if argument["map"]:
-        names.append("localization")
-        path = Path(argument["map"]).resolve()
-        maps["mapping"] = {
-            "mapping.map_directory": str(path.parent),
-            "mapping.initial_map": path.name,
-        }
-        maps["localization"] = {"localization.map_directory": str(path)}
+    """The nodes that are asked for; when one ends by itself, so do the others."""
+    names = [*bringup.ARGUMENTS, "autostart"]
+    argument = {name: LaunchConfiguration(name).perform(context) for name in names}
+    switches = {name: switch(name, argument[name]) for name in ("use_sim_time", "autostart")}
     return [
         Node(
-            package=PACKAGE,
+            package=bringup.PACKAGE,
             executable=name,
             namespace=argument["namespace"],
-            parameters=[argument["params_file"], values | maps.get(name, {})],
-            remappings=[("/tf", "tf"), ("/tf_static", "tf_static")],
+            parameters=[
+                argument["params_file"],
+                switches | bringup.map_parameters(name, argument["map"]),
+            ],
+            remappings=bringup.REMAPPINGS,
             output="screen",
+            on_exit=Shutdown(reason=f"{name} has ended"),
         )
-        for name in argument["nodes"].split() or names
+        for name in argument["nodes"].split() or bringup.default_nodes(argument["map"])
     ]
+
+
+def switch(name, text):
+    """True or false, as YAML has it: True, yes and on count as well."""
+    value = yaml.safe_load(text)
+    if not isinstance(value, bool):
+        raise ValueError(f"{name}:={text}: is neither true nor false")
+    return value
 
 
 def generate_launch_description():
     """Arguments and nodes."""
     declared = [
-        DeclareLaunchArgument(name, default_value=default, description=description)
-        for name, default, description in ARGUMENTS
+        DeclareLaunchArgument(name, default_value=DEFAULTS.get(name, ""), description=meaning)
+        for name, meaning in bringup.ARGUMENTS.items()
     ]
-    return LaunchDescription([*declared, OpaqueFunction(function=start)])
+    autostart = DeclareLaunchArgument("autostart", default_value="true", description=AUTOSTART)
+    return LaunchDescription([*declared, autostart, OpaqueFunction(function=start)])

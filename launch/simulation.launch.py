@@ -4,24 +4,24 @@
 
 from ament_index_python import get_package_share_path
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node, SetRemap
+
+from heightmap25d_ros.commands import bringup
 
 PACKAGE = "heightmap25d_ros"
 
 
 def generate_launch_description():
     """The bringup, with its arguments, around a simulated robot that is driven along the plan."""
-    bringup = get_package_share_path(PACKAGE) / "launch" / "bringup.launch.py"
+    nodes = get_package_share_path(PACKAGE) / "launch" / "bringup.launch.py"
     return LaunchDescription(
         [
             DeclareLaunchArgument("world", default_value="room", description="where the robot is"),
             DeclareLaunchArgument("rate", default_value="1.0", description="times real time"),
             SetRemap("/clock", "clock"),  # in a namespace, each robot has a time of its own
-            IncludeLaunchDescription(
-                str(bringup), launch_arguments={"use_sim_time": "true"}.items()
-            ),
+            IncludeLaunchDescription(str(nodes), launch_arguments={"use_sim_time": "true"}.items()),
             Node(
                 package=PACKAGE,
                 executable="simulator",
@@ -32,8 +32,9 @@ def generate_launch_description():
                         "simulator.rate": LaunchConfiguration("rate"),
                     }
                 ],
-                remappings=[("/tf", "tf"), ("/tf_static", "tf_static")],
+                remappings=bringup.REMAPPINGS,
                 output="screen",
+                on_exit=Shutdown(reason="the simulator has ended"),
             ),
             Node(
                 package=PACKAGE,

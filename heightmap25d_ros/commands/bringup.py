@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 import signal
 import subprocess
@@ -16,32 +17,70 @@ from typing import Any, NoReturn
 
 from heightmap25d_ros.commands.common import Figures, NegativeResultError, add_command, read_params
 
+PACKAGE = "heightmap25d_ros"
 NODES = ("mapping", "planning", "localization", "markers", "simulator")
 EXIT_NODE_DIED = 1
+
+ARGUMENTS = {
+    "params_file": "ROS parameter file of all nodes (default: config/atrvjr.yaml)",
+    "map": "map directory to begin with, and to localize in (default: none)",
+    "namespace": "of nodes and topics, /tf and /tf_static as well",
+    "use_sim_time": "time comes from /clock",
+    "nodes": f"of {', '.join(NODES)} (default: mapping planning, and localization where there is a "
+    "map)",
+}
+"""What can be asked of a bringup, and what it means: of the command and of the launch file."""
+
+REMAPPINGS = (("/tf", "tf"), ("/tf_static", "tf_static"))
+"""In a namespace transforms are the namespace's own, so that several robots do not mix."""
 
 # A node that was not up yet when it was told to end is ended by the signal itself.
 _GOOD_ENDINGS = (0, -signal.SIGINT)
 _PATIENCE = 5.0  # [s] for the nodes to end; saving a large map takes a while
 
 
+def default_params_file() -> Path:
+    """``config/atrvjr.yaml``, in the repository or where the package is installed."""
+    of_repository = Path(__file__).resolve().parents[2] / "config" / "atrvjr.yaml"
+    if of_repository.exists():
+        return of_repository
+    share = importlib.import_module("ament_index_python").get_package_share_path(PACKAGE)
+    return Path(share) / "config" / "atrvjr.yaml"
+
+
+def default_nodes(map_directory: str) -> tuple[str, ...]:
+    """The nodes that are started where none are named."""
+    return NODES[:3] if map_directory else NODES[:2]
+
+
+def map_parameters(node: str, map_directory: str) -> dict[str, str]:
+    """The parameters by which a node begins with a map; none where there is no map."""
+    path = Path(map_directory).resolve()
+    if map_directory and node == "mapping":
+        return {"mapping.map_directory": str(path.parent), "mapping.initial_map": path.name}
+    if map_directory and node == "localization":
+        return {"localization.map_directory": str(path)}
+    return {}
+
+
 def add_to(commands: Any) -> None:
     """Add ``bringup``."""
     command = add_command(commands, "bringup", _bringup, "the nodes, until Ctrl-C")
+    command.set_defaults(params=default_params_file())
     command.add_argument("--nodes", nargs="+", choices=NODES, metavar="NODE",
-                         help=f"of {', '.join(NODES)} (default: mapping planning, and "
-                         "localization where there is a map)")  # fmt: skip
-    command.add_argument("--map", type=Path, metavar="DIR", help="map directory to begin with")
-    command.add_argument("--namespace", default="", metavar="NS",
-                         help="of nodes and topics, /tf and /tf_static as well")  # fmt: skip
-    command.add_argument("--use-sim-time", action="store_true", help="time comes from /clock")
+                         help=ARGUMENTS["nodes"])  # fmt: skip
+    command.add_argument("--map", default="", metavar="DIR", help=ARGUMENTS["map"])
+    command.add_argument("--namespace", default="", metavar="NS", help=ARGUMENTS["namespace"])
+    command.add_argument("--use-sim-time", action="store_true", help=ARGUMENTS["use_sim_time"])
 
 
 def _bringup(options: argparse.Namespace) -> Figures:
     """Start the nodes, print their state whenever it changes, and end them on Ctrl-C.
 
-    The same as launch/bringup.launch.py. When a node ends by itself, so do the others.
+    As launch/bringup.launch.py, with the same defaults. When a node ends by itself, so do the
+    others.
     """
-    names = options.nodes or NODES[: 3 if options.map else 2]
+    names = options.nodes or default_nodes(options.map)
     for name in names:
         read_params(options, name)  # a wrong file is told once, and here
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -70,17 +109,13 @@ def _stop(signal_number: int, frame: FrameType | None) -> NoReturn:
 
 def _started(name: str, options: argparse.Namespace) -> subprocess.Popen[bytes]:
     """A node's process, in a session of its own: Ctrl-C in a terminal comes here only."""
-    values = {"use_sim_time": options.use_sim_time}
-    if options.map and name == "mapping":
-        path = options.map.resolve()
-        values |= {"mapping.map_directory": str(path.parent), "mapping.initial_map": path.name}
-    if options.map and name == "localization":
-        values["localization.map_directory"] = str(options.map.resolve())
+    values: dict[str, Any] = {"use_sim_time": options.use_sim_time}
+    values |= map_parameters(name, options.map)
     arguments = ["-r", f"__ns:=/{options.namespace.strip('/')}"]
-    for topic in ("tf", "tf_static"):
-        arguments += ["-r", f"/{topic}:={topic}"]
+    for topic, remapped in REMAPPINGS:
+        arguments += ["-r", f"{topic}:={remapped}"]
     if name != "status_printer":
-        arguments += ["--params-file", str(options.params)] if options.params else []
+        arguments += ["--params-file", str(options.params)]
         for parameter, value in values.items():
             arguments += ["-p", f"{parameter}:={json.dumps(value)}"]
     command = [sys.executable, "-m", f"heightmap25d_ros.nodes.{name}", "--ros-args", *arguments]
