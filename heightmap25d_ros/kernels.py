@@ -3,9 +3,9 @@
 """The decorators of all compiled kernels.
 
 A compiled kernel contains the kernels that it calls and the constants that it uses, also those of
-other modules. numba's cache on disk looks at the kernel's own file only, so that an edit of another
+other modules. numba's cache on disk checks the kernel's own file only, so that an edit of another
 module would not take effect. Here the cache of a kernel is stamped with the source of its module
-and of all modules of this package that this one imports, directly or through others.
+and of all modules of this package that it imports, directly or through others.
 """
 
 from __future__ import annotations
@@ -38,19 +38,19 @@ def kernel(function: Callable[..., Any]) -> Any:
 
 
 def inlined_kernel(function: Callable[..., Any]) -> Any:
-    """As `kernel`, and what calls it takes its code in: where a call would cost too much."""
+    """As `kernel`, and inlined into its callers: for where a call would cost too much."""
     return _compiled(function, forceinline=True)
 
 
 def _compiled(function: Callable[..., Any], **options: Any) -> Any:
     dispatcher = njit(error_model="numpy", **options)(function)
-    with suppress(RuntimeError):  # there is no place to write to: each process compiles anew
+    with suppress(RuntimeError):  # no writable directory: each process compiles again
         dispatcher._cache = _StampedCache(function)
     return dispatcher
 
 
 class _StampedCache(FunctionCache):
-    """numba's cache of a function, stale when a module is that the function's own one imports."""
+    """numba's cache of a function, stale when an imported module has changed."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)  # type: ignore[no-untyped-call]

@@ -68,7 +68,7 @@ def inverse(pose: Matrix) -> Matrix:
 
 
 def transform_points(pose: Matrix, points: Matrix) -> Matrix:
-    """Points (..., 3) [m] carried by a pose (..., 4, 4)."""
+    """Points (..., 3) [m] transformed by a pose (..., 4, 4)."""
     return np.asarray(np.einsum("...ij,...j->...i", pose[..., :3, :3], points) + pose[..., :3, 3])
 
 
@@ -92,7 +92,7 @@ def interpolate(stamps_ns: NDArray[np.int64], poses: Matrix, query_ns: ArrayLike
     """
     query = np.asarray(query_ns, dtype=np.int64)
     if query.min() < stamps_ns[0] or query.max() > stamps_ns[-1]:
-        raise ValueError("a pose was asked for outside of the known stamps")
+        raise ValueError("a pose was requested outside of the known stamps")
     if len(stamps_ns) == 1:
         return np.broadcast_to(poses[0], (len(query), 4, 4)).copy()
     segment = np.clip(np.searchsorted(stamps_ns, query, side="right") - 1, 0, len(stamps_ns) - 2)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Write config/heightmap25d.yaml and the table in docs/interface.md from params.py."""
+"""Write config/heightmap25d.yaml and the table in docs/interface.md from params/sections.py."""
 
 import sys
 from pathlib import Path

@@ -14,7 +14,7 @@ from matplotlib.patheffects import Normal, Stroke
 from numpy.typing import NDArray
 
 from heightmap25d_ros import se3
-from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, Geometry, HeightMap
+from heightmap25d_ros.grid.height_map import Geometry, HeightMap
 from heightmap25d_ros.params.sections import PlannerParams, TraversabilityParams
 from heightmap25d_ros.terrain.traversability import OCCUPIED, to_obstacle_map
 from heightmap25d_ros.viz import map_figures
@@ -66,7 +66,7 @@ def _stage(last: HeightMap) -> tuple[Figure, dict[str, Any]]:
     figure.set_size_inches(WIDTH, WIDTH * height / width)
     figure.subplots_adjust(left=0.07, right=0.99, bottom=0.13, top=0.92)
     axes.set_facecolor(map_figures.UNKNOWN_COLOUR)
-    metres = np.where(last.known, last.height * HEIGHT_RESOLUTION, np.nan)
+    metres = last.metres
     style: dict[str, Any] = {
         "origin": "lower", "interpolation": "nearest", "extent": map_figures.extent(last.geometry),
     }  # fmt: skip
@@ -94,7 +94,7 @@ def _newest(stamped: list[tuple[float, Any]], seconds: float) -> Any:
 def _show_map(artists: dict[str, Any], geometry: Geometry, shown: HeightMap | None) -> None:
     if shown is None:
         return
-    metres = np.where(shown.known, shown.height * HEIGHT_RESOLUTION, np.nan)
+    metres = shown.metres
     occupied = to_obstacle_map(shown, TraversabilityParams()).occupancy == OCCUPIED
     obstacles = np.where(occupied, 1.0, np.nan)
     for name, values in (("heights", metres), ("obstacles", obstacles)):

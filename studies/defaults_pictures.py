@@ -58,7 +58,7 @@ def on_cells_of(geometry: Geometry, height_map: HeightMap) -> NDArray:
     """Heights [m] of a map on other cells of the same lattice; NaN where unknown."""
     rows, columns = np.indices(geometry.shape)
     cells = height_map.geometry.cell_at(geometry.cell_center(np.stack([rows, columns], axis=-1)))
-    heights = np.where(height_map.known, height_map.height * HEIGHT_RESOLUTION, np.nan)
+    heights = height_map.metres
     inside = height_map.geometry.contains(cells)
     result = np.full(geometry.shape, np.nan)
     result[inside] = heights[cells[inside][:, 0], cells[inside][:, 1]]

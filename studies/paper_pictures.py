@@ -16,7 +16,7 @@ from matplotlib.ticker import MultipleLocator, PercentFormatter
 from numpy.typing import NDArray
 from PIL import Image, ImageOps
 
-from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, Area, Geometry, HeightMap
+from heightmap25d_ros.grid.height_map import Area, Geometry, HeightMap
 
 DPI = 150
 CUBE, SURFACE, TRUTH, TRACE = "#f2b98a", "#1f6fb4", "black", "#c020d0"
@@ -84,7 +84,7 @@ def hidden_obstacle(
 def _mark_step(axes: Axes, heights: HeightMap, verdict: str, colour: str) -> None:
     """Dots at the heights that a map gives, the highest step between two of them, and a verdict."""
     side = heights.geometry.resolution
-    z = np.where(heights.known, heights.height * HEIGHT_RESOLUTION, np.nan)[0]
+    z = heights.metres[0]
     x = (np.arange(len(z)) + 0.5) * side
     axes.plot(x, z, "o", color=colour, markersize=6, zorder=5)
     upper = int(np.nanargmax(np.abs(np.diff(z)))) + 1
@@ -109,7 +109,7 @@ def profile(
     geometry = heights.geometry
     row = int(geometry.cell_at((0.0, 0.0))[0])
     x = geometry.origin[0] + geometry.resolution * np.arange(geometry.shape[1] + 1)
-    metres = np.where(heights.known, heights.height * HEIGHT_RESOLUTION, np.nan)[row]
+    metres = heights.metres[row]
     figure = Figure(figsize=(12.0, 4.9), layout="constrained")
     whole, detail = figure.subplots(2, 1, height_ratios=(1.0, 1.5))
     for axes, x_limits, z_limits in (
@@ -194,6 +194,6 @@ def _squares(
 def _squares_of_heights(axes: Axes, heights: HeightMap) -> None:
     """A row of cells from the side, each filled up to its height."""
     side = heights.geometry.resolution
-    bars = np.where(heights.known, heights.height * HEIGHT_RESOLUTION, 0.0)[0]
+    bars = np.nan_to_num(heights.metres)[0]
     axes.bar(side * np.arange(len(bars)), bars, width=side, align="edge", color="#a9cbe8",
              edgecolor="0.35", linewidth=0.5)  # fmt: skip

@@ -20,7 +20,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
-from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, HeightMap
+from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.io.bag import Bag
 from heightmap25d_ros.params.by_name import with_values
 from heightmap25d_ros.params.sections import Params
@@ -90,7 +90,7 @@ def mapped(name: str, params: Params) -> HeightMap:
 
 
 def draw_obstacles(axes: Axes, shown: HeightMap, params: Params) -> str:
-    metres = np.where(shown.known, shown.height * HEIGHT_RESOLUTION, np.nan)
+    metres = shown.metres
     draw_cells(
         axes,
         shown,

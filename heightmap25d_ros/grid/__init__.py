@@ -2,6 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The cells of the map and their geometry.
 
-`HeightMap` is a dense rectangle: what is saved, published, converted and drawn. `HeightGrid` is the
-map that grows, in tiles that take memory where something was seen.
+`height_map` is a dense rectangle: what is saved, published, converted and drawn. `height_grid` is
+the growing map, in tiles that take memory only where cells were observed.
 """

@@ -1,8 +1,9 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The cells of the 2 1/2-D map: storage that follows what was seen, and its geometry.
+"""The map that grows: tiled storage that takes memory only where cells were observed.
 
-`HeightGrid` is the map that grows; `HeightMap` is a dense rectangle of it, for whoever reads.
+`TiledArray` stores one number per cell; `HeightGrid` holds the arrays of the map, reads and writes
+dense rectangles of it, and records which tiles have changed.
 """
 
 from __future__ import annotations
@@ -25,9 +26,9 @@ TOP_BIAS = 32768
 
 
 def _zeros_committed_lazily(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
-    """Zeros of which only the pages that are written to take memory.
+    """Zeros of which only pages that have been written take memory.
 
-    Anonymous private pages come into being when they are first written; ``MAP_NORESERVE``
+    Anonymous private pages are allocated when they are first written; ``MAP_NORESERVE``
     keeps the kernel from accounting for the rest. Huge pages are refused: a single cell would
     commit 2 MiB (and numpy asks for them on its own for large arrays).
     """
@@ -46,8 +47,8 @@ def _zeros_committed_lazily(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray
 class TiledArray:
     """A very large 2-D array that takes memory only where it was written.
 
-    Cells lie tile by tile, in ``cells[ty, tx, y, x]``: what is near in the world is near in
-    memory, in the same page and under few cache sets.
+    Cells are stored tile by tile, in ``cells[ty, tx, y, x]``: neighbours in the world are
+    neighbours in memory, in the same page and in few cache sets.
 
     Parameters
     ----------
@@ -82,11 +83,11 @@ class TiledArray:
 
 
 class HeightGrid:
-    """The map that grows by itself: a height and a probability per cell, and its candidate.
+    """The growing map: a height and a probability per cell, and a candidate.
 
-    The whole extent is addressable from the start and cell boundaries lie on multiples of the
-    resolution in the map frame; memory is committed by the page (64 x 16 cells) as cells are
-    written. Nothing is ever moved or copied as the robot drives.
+    The whole extent is addressable from the start. Cell boundaries lie on multiples of the
+    resolution in the map frame. Memory is committed by the page (64 x 16 cells) as cells are
+    written, and no cell is ever moved or copied as the robot drives.
 
     Parameters
     ----------
@@ -98,11 +99,28 @@ class HeightGrid:
     height : TiledArray of int16 [cm]
     probability : TiledArray of uint16
     candidate_height, candidate_probability : TiledArray
-        A contradicting higher reading that waits for a second one; probability 0: none.
+        A contradicting higher reading that awaits confirmation; probability 0: none.
     tile_top : (tile rows, tile columns) uint16
         Upper bound of the heights in a tile, plus `TOP_BIAS`; 0 where nothing was observed.
     tile_changed : (tile rows, tile columns) uint8
-        Tiles where a height or its being known changed since `take_changed`.
+        Tiles in which a height changed, or a cell became known or unknown, since `take_changed`.
+
+    Examples
+    --------
+    >>> grid = HeightGrid(GridParams(resolution=0.5, extent=64.0))
+    >>> grid.observed_area().shape
+    (0, 0)
+    >>> plain = HeightMap(
+    ...     geometry=Geometry(resolution=0.5, origin=(0.0, 0.0), shape=(1, 2)),
+    ...     height=np.array([[5, 7]], np.int16),
+    ...     probability=np.full((1, 2), 50000, np.uint16),
+    ...     probability_threshold=0.5,
+    ... )
+    >>> grid.write(plain)
+    >>> grid.observed_area().shape
+    (16, 16)
+    >>> grid.read(0.5).metres[0, :3]
+    array([0.05, 0.07,  nan])
     """
 
     def __init__(self, params: GridParams) -> None:
@@ -153,12 +171,12 @@ class HeightGrid:
         return changed
 
     def mark_changed(self) -> None:
-        """Have `take_changed` return all observed tiles once more."""
+        """Mark all observed tiles as changed."""
         tiles = np.argwhere(self.tile_top)
         self.tile_changed[tuple(tiles.T)] = 1
 
     def read(self, probability_threshold: float, area: Area | None = None) -> HeightMap:
-        """Dense copy of an area, or of all that was observed."""
+        """Dense copy of an area, by default of the observed one."""
         area = self.observed_area() if area is None else area
         return HeightMap(
             geometry=self.geometry.part(area),
@@ -168,12 +186,12 @@ class HeightGrid:
         )
 
     def write(self, height_map: HeightMap) -> None:
-        """Put a dense map into the grid, replacing what is stored under it.
+        """Write a dense map into the grid; it replaces the cells that it covers.
 
         Raises
         ------
         ValueError
-            If its resolution is another one, its cells do not coincide with the grid's, or it
+            If its resolution differs, its cells do not coincide with those of the grid, or it
             reaches beyond the extent.
         """
         area = self._area_of(height_map.geometry)

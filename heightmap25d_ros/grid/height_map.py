@@ -1,8 +1,9 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The cells of the 2 1/2-D map: storage that follows what was seen, and its geometry.
+"""A dense rectangle of cells: its geometry, its heights and probabilities, and their units.
 
-`HeightGrid` is the map that grows; `HeightMap` is a dense rectangle of it, for whoever reads.
+`Geometry` converts between points and cells, `Area` is a rectangle of cells within a larger one,
+and `HeightMap` is what is saved, published, converted to obstacles and drawn.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ class Geometry:
     shape: tuple[int, int]
 
     def cell_at(self, point: ArrayLike) -> NDArray[np.int64]:
-        """Cell (..., 2) as (iy, ix) that holds a point (..., 2) as (x, y) [m]; unbounded."""
+        """Cell (..., 2) as (iy, ix) that contains a point (..., 2) as (x, y) [m]; unbounded."""
         index = np.floor((np.asarray(point, dtype=np.float64) - self.origin) / self.resolution)
         return index[..., ::-1].astype(np.int64)
 
@@ -88,21 +89,21 @@ class Area:
         )
 
     def within(self, outer: Area) -> Area:
-        """The part of it that lies in another area; at least empty."""
+        """The intersection with another area; empty where they do not meet."""
         iy, ix = max(self.iy, outer.iy), max(self.ix, outer.ix)
         rows = min(self.iy + self.rows, outer.iy + outer.rows) - iy
         columns = min(self.ix + self.columns, outer.ix + outer.columns) - ix
         return Area(iy, ix, max(rows, 0), max(columns, 0))
 
     def slices(self, outer: Area) -> tuple[slice, slice]:
-        """Where this area lies in a dense array of another one."""
+        """The slices of this area in a dense array of another area."""
         y, x = self.iy - outer.iy, self.ix - outer.ix
         return slice(y, y + self.rows), slice(x, x + self.columns)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeightMap:
-    """A dense rectangle of the map: what is saved, published, converted and drawn.
+    """A dense rectangle of the map.
 
     Attributes
     ----------
@@ -110,7 +111,22 @@ class HeightMap:
     height : (rows, columns) int16 [cm] above ground zero
     probability : (rows, columns) uint16, 0 .. `PROBABILITY_SCALE` for 0 .. 1
     probability_threshold : float
-        Below it a cell is unknown and its height means nothing.
+        Below it a cell is unknown and its height has no meaning.
+
+    Examples
+    --------
+    A row of three cells, of which the last one is unknown:
+
+    >>> shown = HeightMap(
+    ...     geometry=Geometry(resolution=0.5, origin=(0.0, 0.0), shape=(1, 3)),
+    ...     height=np.array([[0, 12, 99]], np.int16),
+    ...     probability=np.array([[65535, 40000, 100]], np.uint16),
+    ...     probability_threshold=0.5,
+    ... )
+    >>> shown.known
+    array([[ True,  True, False]])
+    >>> shown.metres
+    array([[0.  , 0.12,  nan]])
     """
 
     geometry: Geometry
@@ -120,10 +136,16 @@ class HeightMap:
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """(rows, columns): where there is a height to use."""
+        """(rows, columns): whether the height of a cell can be used."""
         return self.probability >= stored_probability(self.probability_threshold)
+
+    @property
+    def metres(self) -> NDArray[np.float64]:
+        """(rows, columns) float64 [m]: heights, NaN where unknown."""
+        heights = np.multiply(self.height, HEIGHT_RESOLUTION, dtype=np.float64)
+        return np.where(self.known, heights, np.nan)
 
 
 def stored_probability(probability: float) -> int:
-    """A probability as it is stored, and as stored ones are compared with."""
+    """The stored value of a probability; also for comparison with stored values."""
     return int(np.floor(probability * PROBABILITY_SCALE + 0.5))

@@ -189,7 +189,7 @@ class ShortTermMaps:
             return None
         oldest, params = self._maps[0], self.params.short_term
         is_old = (
-            self.way - oldest.way >= params.mature_way
+            self.way - oldest.way >= params.mature_distance
             or self._stamp_ns - oldest.stamp_ns >= params.mature_time * 1e9
         )
         return oldest if is_old and oldest.known_cells >= params.mature_cells else None

@@ -1,30 +1,25 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The paper on one screen: beams into cells.
+"""The paper's update of one cell, by eq. (1) to (4) of Fong et al. (2003).
 
-A beam clears the cells that it passes over (`_clear`) and raises, confirms or leaves alone the
-cell that it ends in (`hit`), by eq. (1) to (4) of Fong et al. (2003). Inside the kernels x and
-y are counted in cells from the grid's corner, z in centimetres, and the way along a beam in
-ticks: integers, which add up without rounding and faster than floats.
+`hit` updates the cell in which a beam ends, `miss` a cell that a beam passes over; both take and
+return the four numbers of a cell. Heights are in centimetres, probabilities in stored units.
+`mapper` calls them for the cells of each beam.
 
-The kernels take plain arrays, many of them, are inlined, divide by numpy's rules, which raise
-nothing, and leave a loop by one condition only. Otherwise numba counts references to the arrays
-for every beam, which costs more than the work. They stay in one file, since numba's cache does
-not see changes of what a kernel calls in another one.
+Both are inlined into the kernels of `mapper`: there numba would otherwise count references to the
+arrays for every beam, which costs more than the update.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-from heightmap25d_ros.grid.height_map import (
-    PROBABILITY_SCALE,
-)
+from heightmap25d_ros.grid.height_map import PROBABILITY_SCALE
 from heightmap25d_ros.kernels import inlined_kernel
 
 
 class Likelihoods(NamedTuple):
-    """P(.|O) and P(.|not O) of a reading, each at range 0 and at ``max_range``."""
+    """P(.|O) and P(.|not O) of a reading, each at range 0 and at ``max_range`` [m]."""
 
     given_object: tuple[float, ...]
     given_empty: tuple[float, ...]
@@ -32,7 +27,7 @@ class Likelihoods(NamedTuple):
 
 
 class Rule(NamedTuple):
-    """MapperParams in the units of the stored cells."""
+    """`MapperParams` in the units of the stored cells."""
 
     candidate: bool
     tolerance: int
@@ -59,7 +54,7 @@ def _likelihoods(distance, model):
 
 @inlined_kernel
 def _stored(probability, rule):
-    """A probability as it is stored, clamped so that the cell can still change."""
+    """The stored value of a probability, clamped so that the cell can still change."""
     return min(max(int(probability * PROBABILITY_SCALE + 0.5), rule.lowest), rule.highest)
 
 
@@ -91,7 +86,7 @@ def hit(cell, z, distance, model, rule):
         belief = _bayes(probability, given_object, given_empty, rule)
         height = max(z - rule.allowance, height)
         if candidate_height <= height + rule.tolerance:
-            candidate = 0  # the height has grown up to it
+            candidate = 0  # the height has reached it
         return height, belief, candidate_height, candidate  # eq. (3), (4)
     return cell
 
@@ -101,8 +96,8 @@ def _propose(cell, z, given_object, given_empty, rule):
     """A cell after a reading far above its height: the paper's candidate.
 
     Two such readings support the lower one of them, because objects are complete from the
-    ground up: what is seen at 2 m is also there at 1 m. The higher one goes on waiting, unless
-    the two are the same height within the tolerance.
+    ground up: what is seen at 2 m is also there at 1 m. The higher one remains a candidate,
+    unless the two are the same height within the tolerance.
     """
     height, probability, candidate_height, candidate = cell
     if candidate == 0:
@@ -118,7 +113,7 @@ def _propose(cell, z, given_object, given_empty, rule):
 
 @inlined_kernel
 def miss(cell, beam_height, distance, model, rule):
-    """A cell after a beam passed over it: what stands at or above it is believed less."""
+    """A cell after a beam passed over it: heights at or above the beam lose probability."""
     height, probability, candidate_height, candidate = cell
     given_object, given_empty = _likelihoods(distance, model)
     if candidate > 0 and candidate_height >= beam_height:

@@ -1,16 +1,15 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The paper on one screen: beams into cells.
+"""Beams into cells: each beam is traced through the grid, and the cells along it are updated.
 
-A beam clears the cells that it passes over (`_clear`) and raises, confirms or leaves alone the
-cell that it ends in (`hit`), by eq. (1) to (4) of Fong et al. (2003). Inside the kernels x and
-y are counted in cells from the grid's corner, z in centimetres, and the way along a beam in
-ticks: integers, which add up without rounding and faster than floats.
+A beam clears the cells that it passes over (`_clear`) and updates the cell in which it ends, both
+with `cell_update`. Inside the kernels x and y are counted in cells from the grid's corner, z in
+centimetres, and the distance along a beam in ticks: integers, which add up without rounding and
+faster than floats.
 
 The kernels take plain arrays, many of them, are inlined, divide by numpy's rules, which raise
 nothing, and leave a loop by one condition only. Otherwise numba counts references to the arrays
-for every beam, which costs more than the work. They stay in one file, since numba's cache does
-not see changes of what a kernel calls in another one.
+for every beam, which costs more than the work.
 """
 
 from __future__ import annotations
@@ -30,18 +29,20 @@ from heightmap25d_ros.mapping.cell_update import Likelihoods, Rule, hit, miss
 from heightmap25d_ros.mapping.sensor_model import Beams
 from heightmap25d_ros.params.sections import MapperParams, SensorParams
 
-_OBSERVED = 1  # a tile_top: observed, though none of its cells has a height now
+_OBSERVED = 1  # a tile_top: observed, though no cell of the tile has a height now
 _TILE_CELLS = TILE * TILE
 _TICKS = 2.0**40  # along a beam from end to end, however long it is
-_FEW = 1024  # [ticks] that adding up may be off; what a beam passes for less it only touches
+_FEW = (
+    1024  # [ticks] of tolerance for rounding; a cell that a beam crosses for less is only touched
+)
 _ENDLESS = 2.0**57  # [ticks per cell] of a beam that does not leave it along an axis
-_LEVEL = 0.25  # [cm] a beam that falls less is taken to fall so much when tiles are left out
-_GOLDEN = 2654435761  # spreads the cells over a hash set (Knuth's multiplicative hashing)
-_PROBES = 16  # slots of the set that are tried
+_LEVEL = 0.25  # [cm] least fall of a beam that is assumed when tiles are skipped
+_GOLDEN = 2654435761  # Knuth's multiplicative hashing, for a hash set of cells
+_PROBES = 16  # slots of the set that are probed
 
 
 class Integrated(NamedTuple):
-    """What became of the beams of a scan.
+    """Counts of the returns of a scan.
 
     Attributes
     ----------
@@ -50,7 +51,7 @@ class Integrated(NamedTuple):
     clipped : int
         Of these, the ones beyond +-327 m, stored as +-327 m.
     outside : int
-        Returns beyond the extent of the grid, lost.
+        Returns beyond the extent of the grid, discarded.
     """
 
     hits: int
@@ -59,13 +60,32 @@ class Integrated(NamedTuple):
 
 
 class Mapper:
-    """Merges beams into a grid.
+    """Integrates beams into a grid.
 
     Parameters
     ----------
     grid : HeightGrid
     sensor : SensorParams
     params : MapperParams
+
+    Examples
+    --------
+    One beam from a laser at a height of 1 m to the ground, 1.7 m ahead:
+
+    >>> from heightmap25d_ros.params.sections import GridParams
+    >>> grid = HeightGrid(GridParams(resolution=0.5, extent=64.0))
+    >>> mapper = Mapper(grid, SensorParams(), MapperParams())
+    >>> mapper.integrate(
+    ...     Beams(
+    ...         origins=np.array([[0.1, 0.1, 1.0]]),
+    ...         ends=np.array([[1.8, 0.1, 0.03]]),
+    ...         is_hit=np.array([True]),
+    ...         is_lone=np.array([False]),
+    ...     )
+    ... )
+    Integrated(hits=1, clipped=0, outside=0)
+    >>> grid.read(0.5).metres[0, :5]
+    array([ nan,  nan,  nan, 0.03,  nan])
     """
 
     def __init__(self, grid: HeightGrid, sensor: SensorParams, params: MapperParams) -> None:
@@ -103,7 +123,7 @@ class Mapper:
         )
 
     def integrate(self, beams: Beams) -> Integrated:
-        """Merge the beams, one after the other."""
+        """Integrate the beams in their order."""
         counts = _integrate(
             beams.origins, beams.ends, beams.is_hit, beams.is_lone, *self._constants
         )
@@ -116,7 +136,7 @@ def _integrate(  # noqa: PLR0913
     heights, probabilities, candidate_heights, candidates, tile_top, tile_changed,
     hit_model, miss_model, rule,
 ):  # fmt: skip
-    """Merge beams, shapes (N, 3), (N, 3), (N,); returns the counts of `Integrated`."""
+    """Integrate beams, shapes (N, 3), (N, 3), (N,); returns the counts of `Integrated`."""
     hit_model, miss_model, rule = Likelihoods(*hit_model), Likelihoods(*miss_model), Rule(*rule)
     hits = clipped = outside = 0
     rows, columns = tiles
@@ -187,9 +207,9 @@ def _clear(  # noqa: PLR0913
     origin, end, length, columns, heights, probabilities, candidate_heights, candidates,
     tile_top, tile_changed, judged, model, rule,
 ):  # fmt: skip
-    """Walk the tiles between the ends of a beam, and in them the cells that may reach it.
+    """Traverse the tiles between the ends of a beam, and in them the cells that may reach it.
 
-    The walk goes from the upper end to the lower one.
+    The traversal goes from the upper end to the lower one.
     """
     upper, lower, distance, metres = origin, end, 0.0, length / _TICKS
     if origin[2] < end[2]:
@@ -208,7 +228,7 @@ def _clear(  # noqa: PLR0913
     for _ in range(1 + abs(last_tx - tx) + abs(last_ty - ty)):
         stop = min(exit_x, exit_y, last)
         tile = np.uint64(index)
-        # Only where the beam is no higher than the highest cell of the tile it can meet one.
+        # A beam above the highest cell of a tile cannot touch any of its cells.
         meets = int((biased_z - tile_top[tile]) * ticks_per_cm)
         if meets < stop and _clear_tile(
             tile, max(first, meets, exit_x - across_x, exit_y - across_y), stop, x, y,
@@ -232,7 +252,7 @@ def _clear_tile(  # noqa: PLR0913
     tile, start, stop, x, y, z, fall, distance, metres,
     heights, probabilities, candidate_heights, candidates, judged, model, rule,
 ):  # fmt: skip
-    """Lower the belief in what stands in the beam; whether a cell became unknown by it.
+    """Lower the probability of heights that the beam contradicts; true if a cell became unknown.
 
     ``fall`` [cm] and ``metres``, which start from ``z`` and ``distance``, are per tick.
     """
@@ -279,7 +299,7 @@ def _is_contradicted(cell, beam_height, rule):
 
 @kernel
 def _cells_hit(ends, is_hit, is_lone, corner, cells_per_metre, columns, rule):
-    """A hash set of the cells that this scan's returns are in; empty for the literal rule."""
+    """A hash set of the cells that contain this scan's returns; empty for the literal rule."""
     size = 16
     while size < 4 * len(ends):
         size *= 2
@@ -295,7 +315,7 @@ def _cells_hit(ends, is_hit, is_lone, corner, cells_per_metre, columns, rule):
 
 @inlined_kernel
 def _add(cell, judged):
-    """Put a cell into the set; false if it is in it already, or the set is full around it."""
+    """Add a cell to the set; false if it is present already, or its slots are taken."""
     mask = len(judged) - 1
     slot = ((cell * _GOLDEN) >> 20) & mask
     for _ in range(_PROBES):
@@ -310,7 +330,7 @@ def _add(cell, judged):
 
 @inlined_kernel
 def _may_judge(index, middle, x, y, judged, rule):
-    """Whether a beam may speak against a cell: it passes the middle, and is the scan's first."""
+    """Whether a beam may clear a cell: it passes near the centre, and is the scan's first to."""
     off_x = int(x.origin + middle * x.cells) + 0.5 - x.origin
     off_y = int(y.origin + middle * y.cells) + 0.5 - y.origin
     across = off_x * y.cells - off_y * x.cells
@@ -340,19 +360,19 @@ def _axis(origin, end):
 
 @inlined_kernel
 def _exit(index, size, axis):
-    """Where [ticks] a beam leaves a cell, or a tile of a size, along one axis."""
+    """The tick at which a beam leaves a cell, or a tile of a size, along one axis."""
     return int(((index + axis.side) * size - axis.origin) * axis.ticks)
 
 
 @inlined_kernel
 def _across(size, axis):
-    """How many ticks a beam is in a cell, or in a tile of a size, along one axis."""
+    """The number of ticks from side to side of a cell, or of a tile of a size, along one axis."""
     return int(abs(axis.ticks) * size)
 
 
 @inlined_kernel
 def _entry(index, axis):
-    """Where [ticks] a beam enters a cell along one axis."""
+    """The tick at which a beam enters a cell along one axis."""
     return _exit(index, 1, axis) - _across(1, axis)
 
 

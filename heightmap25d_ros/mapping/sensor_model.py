@@ -1,6 +1,10 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A scan, the mount of its laser and the poses of the robot become beams in the map."""
+"""Beams of a scan in the map, from its ranges, the mount of the laser and the poses of the robot.
+
+`beams` decides which ranges are used, and whether a beam hits or only clears; `lone_returns` finds
+outliers among the returns.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +28,7 @@ class Scan:
     frame_id : str
     angle_min, angle_increment : float [rad]
     time_increment : float [s]
-        Between beams; negative where the laser turns the other way round in time.
+        Between beams; negative where the laser scans against the order of the angles.
     range_min, range_max : float [m]
     ranges : (N,) float32 [m]
     """
@@ -39,7 +43,7 @@ class Scan:
     ranges: NDArray[np.float32]
 
     def beam_stamps_ns(self) -> NDArray[np.int64]:
-        """(N,) int64: when each beam was taken; (1,) where all were at once."""
+        """(N,) int64 [ns]: stamp of each beam; (1,) where all beams have the same one."""
         count = len(self.ranges) if self.time_increment else 1
         offsets = np.arange(count) * (self.time_increment * 1e9)
         stamps: NDArray[np.int64] = self.stamp_ns + np.rint(offsets).astype(np.int64)
@@ -48,7 +52,7 @@ class Scan:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Beams:
-    """Straight lines through empty space; those that hit end on an object.
+    """Straight lines through free space; those that hit end on an object.
 
     Attributes
     ----------
@@ -56,10 +60,10 @@ class Beams:
         The laser at each beam's own time.
     ends : (N, 3) float64 [m], map
     is_hit : (N,) bool
-        Whether the end is the top of an object as far as this beam can tell; otherwise the
-        beam only clears.
+        Whether the end is on an object, at the least height of its top; otherwise the beam
+        only clears.
     is_lone : (N,) bool
-        Whether the beams beside it see nothing near the end: a mixed pixel, a phantom.
+        Whether no neighbouring beam supports the return: a mixed pixel, a phantom.
     """
 
     origins: NDArray[np.float64]
@@ -71,19 +75,19 @@ class Beams:
 def lone_returns(
     ranges: NDArray[np.float64], is_return: NDArray[np.bool_], distance: float
 ) -> NDArray[np.bool_]:
-    """Returns that the beams beside them contradict: mixed pixels and phantoms.
+    """Returns that their neighbouring beams contradict: mixed pixels and phantoms.
 
-    A return is supported within ``distance`` of a neighbour's, or of where the line through the
-    two beams next to it on one side leads: along a straight surface the inverse of the range is
-    linear in small angles, however grazing the beams are. A neighbour that measured nothing
-    (NaN) says nothing; one without return (+inf) contradicts.
+    A return is supported within ``distance`` of a neighbour's, or of the range that the two
+    beams next to it on one side extrapolate to: along a straight surface the inverse of the range
+    is linear in small angles, however grazing the beams are. A neighbour without measurement
+    (NaN) is ignored; one without return (+inf) contradicts.
 
     Parameters
     ----------
     ranges : (N,) float64 [m]
     is_return : (N,) bool
     distance : float [m]
-        0: no return is alone.
+        0: no outlier rejection.
     """
     if distance == 0.0:
         return np.zeros(len(ranges), bool)
@@ -94,15 +98,17 @@ def lone_returns(
     with np.errstate(divide="ignore", invalid="ignore"):
         for expected in (before, after, 2 * before - before2, 2 * after - after2):
             is_supported |= np.abs(1.0 / expected - ranges) <= distance
-    speaks = np.pad(is_return | (ranges == np.inf), 1)
-    is_lone: NDArray[np.bool_] = is_return & ~is_supported & (speaks[:-2] | speaks[2:])
+    is_informative = np.pad(is_return | (ranges == np.inf), 1)
+    is_lone: NDArray[np.bool_] = (
+        is_return & ~is_supported & (is_informative[:-2] | is_informative[2:])
+    )
     return is_lone
 
 
 def _range_to_ground(
     directions: NDArray[np.float64], T_base_sensor: se3.Matrix
 ) -> NDArray[np.float64]:
-    """(N,) float64 [m]: from the laser to the plane of base_link, infinite where it never is.
+    """(N,) float64 [m]: range to the plane of base_link, infinite where a beam does not meet it.
 
     Parameters
     ----------
@@ -126,10 +132,11 @@ def beams(
     """Beams of a scan in the map frame, by REP-117.
 
     +inf: no return, clears to ``clearing_range``, ``range_max`` or the plane of base_link, the
-    nearest one: below the ground on which the robot stands nothing is empty, so that such a beam
-    was merely not answered. NaN, -inf and values outside of ``range_min .. range_max`` or below
-    ``min_range``: no beam. Returns beyond ``max_range`` clear up to there, and returns outside of
-    the window ``min_height .. max_height`` above base_link clear up to the return; neither hits.
+    nearest one: below the ground on which the robot stands there is no free space, so that such a
+    beam was absorbed or deflected. NaN, -inf and values outside of ``range_min .. range_max`` or
+    below ``min_range``: no beam. Returns beyond ``max_range`` clear up to there, and returns
+    outside of the window ``min_height .. max_height`` above base_link clear up to the return;
+    neither hits.
 
     Parameters
     ----------
@@ -138,7 +145,7 @@ def beams(
         At each beam's own time.
     params : SensorParams
     lone_return : float [m]
-        How far from its neighbours' a return is alone, see `lone_returns`; 0: none is.
+        Distance from its neighbours at which a return is an outlier, see `lone_returns`.
     """
     ranges = scan.ranges.astype(np.float64)
     nearest = max(scan.range_min, params.min_range)

@@ -16,7 +16,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.params.by_name import flatten, is_live, with_values
+from heightmap25d_ros.params.by_name import flatten, is_live, with_present_names, with_values
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.params.spec import Spec, Value
 from heightmap25d_ros.terrain.traversability import covering_disc
@@ -44,13 +44,16 @@ def declare_params(node: Node, used: Sequence[str]) -> Params:
     InputError
         For an unknown name (the nearest right one is suggested), a wrong type or value.
     """
-    given = {
+    overrides = {
         name: parameter.value
         for name, parameter in node.get_parameters_by_prefix("").items()
         if not name.startswith(_RCLPY_PARAMETERS)
     }
+    given, notices = with_present_names(overrides)
     params = _consistent(with_values(Params(), given))
-    for name in given:
+    for notice in notices:
+        node.get_logger().warning(notice)
+    for name in overrides:
         node.undeclare_parameter(name)
     for name, (spec, value) in _used(params, used).items():
         descriptor = _descriptor(name, spec, value)

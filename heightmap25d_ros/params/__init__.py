@@ -1,8 +1,9 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Every tunable number, once: default, unit, range and meaning.
+"""Every tunable parameter, defined once: default, unit, range and meaning.
 
-One frozen section per class of the package (`sections`). A class takes its own section; a node
-declares ROS parameters (``section.name``) from those that it uses; `files` reads parameter files
-and writes ``config/heightmap25d.yaml`` and the table of docs/interface.md.
+`sections` holds one frozen dataclass for each class of the package that has parameters; the class
+takes its own section. `spec` is the vocabulary of these definitions. `by_name` addresses
+parameters as ROS does (``section.name``), so that a node can declare them; `files` reads parameter
+files and writes ``config/heightmap25d.yaml`` and the table of docs/interface.md.
 """

@@ -1,16 +1,16 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Every tunable number, once: default, unit, range and meaning.
+"""Parameters by their full names, ``section.name``, as ROS and parameter files have them.
 
-One frozen section per module; the module takes its own section, the nodes declare ROS
-parameters from it (``section.name``), and `parameter_file` writes ``config/heightmap25d.yaml``
-and the table of docs/interface.md from it.
+`flatten` lists them, `with_values` replaces some of them, and `RENAMED` keeps the old names of
+parameters working.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import difflib
+import warnings
 from collections.abc import Mapping
 from typing import Any
 
@@ -18,9 +18,12 @@ from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.params.spec import Spec, Value, specs
 
+RENAMED = {"short_term.mature_way": "short_term.mature_distance"}
+"""Old name -> present name. An old name is still accepted, with a warning that names both."""
+
 
 def flatten(params: Params) -> dict[str, tuple[Spec, Value]]:
-    """``section.name`` -> spec and value, in order of definition."""
+    """Full name -> spec and value, in order of definition."""
     found: dict[str, tuple[Spec, Value]] = {}
     for entry in dataclasses.fields(params):
         content = getattr(params, entry.name)
@@ -40,12 +43,12 @@ _LIVE = (
 
 
 def is_live(name: str) -> bool:
-    """Whether a node takes a change of the parameter while it runs."""
+    """Whether the parameter can be changed while a node runs."""
     return name.startswith(_LIVE)
 
 
 def _convert(name: str, given: Any, default: Value) -> Any:
-    """The given value as the default's type; integers pass for floats, lists for tuples."""
+    """The given value in the default's type: integers become floats, lists become tuples."""
     if isinstance(default, tuple):
         entry_type = str if default and isinstance(default[0], str) else float
         if not isinstance(given, list | tuple):
@@ -58,23 +61,58 @@ def _convert(name: str, given: Any, default: Value) -> Any:
     return given
 
 
-def with_values(params: Params, values: Mapping[str, Any]) -> Params:
-    """Copy of the parameters with some values replaced, all of them or none.
+def with_present_names(values: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
+    """Values by the present names of their parameters, and a warning for each old name.
 
     Parameters
     ----------
-    params : Params
-    values : mapping of ``section.name`` to a value
+    values : mapping of full name to value
+        Old names of `RENAMED` among them.
 
     Raises
     ------
     InputError
-        For an unknown name (the nearest right one is suggested), a wrong type, a value out of
-        its range.
+        If a parameter is given by both of its names.
+    """
+    present: dict[str, Any] = {}
+    notices: list[str] = []
+    for name, value in values.items():
+        new = RENAMED.get(name, name)
+        if new != name:
+            if new in values:
+                raise InputError(f"parameter {name}: is given as {new}, its new name, as well")
+            notices.append(f"parameter {name}: is deprecated, its new name is {new}")
+        present[new] = value
+    return present, notices
+
+
+def with_values(params: Params, values: Mapping[str, Any]) -> Params:
+    """Copy of the parameters with some values replaced, all of them or none.
+
+    An old name of `RENAMED` is accepted with a `FutureWarning`.
+
+    Parameters
+    ----------
+    params : Params
+    values : mapping of full name to value
+
+    Raises
+    ------
+    InputError
+        For an unknown name (the most similar known one is suggested), a wrong type, a value out
+        of its range.
+
+    Examples
+    --------
+    >>> with_values(Params(), {"grid.resolution": 0.25}).grid
+    GridParams(resolution=0.25, extent=4096.0)
     """
     known = flatten(params)
+    present, notices = with_present_names(values)
+    for notice in notices:
+        warnings.warn(notice, FutureWarning, stacklevel=2)
     changes: dict[str, Any] = {}
-    for name, given in values.items():
+    for name, given in present.items():
         if name not in known:
             nearest = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
             hint = f"; did you mean {nearest[0]}?" if nearest else ""

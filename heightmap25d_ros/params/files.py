@@ -17,15 +17,15 @@ from heightmap25d_ros.params.spec import Value
 
 
 def read_yaml(path: Path, node: str) -> Params:
-    """The parameters of a node, by its name, from a ROS parameter file on top of the defaults.
+    """The parameters of a node from a ROS parameter file; defaults for what it does not set.
 
-    Blocks of all nodes (``/**``) and of this one (``mapping``, ``/**/mapping``) are taken, in
-    whatever namespace, and in the order of the file.
+    Blocks for all nodes (``/**``) and for this one (``mapping``, ``/**/mapping``) apply, in any
+    namespace, in the order of the file.
 
     Raises
     ------
     InputError
-        If the file cannot be read, is not a parameter file, or holds a bad parameter.
+        If the file cannot be read, is not a parameter file, or sets an invalid parameter.
     """
     try:
         document = yaml.safe_load(path.read_text(encoding="utf-8"))
@@ -67,7 +67,7 @@ def _yaml_value(value: Value) -> str:
 def as_yaml(params: Params) -> str:
     """The parameters as a ROS parameter file with units, ranges and meanings as comments."""
     lines = [
-        "# Generated from heightmap25d_ros/params.py by scripts/write_parameters.py.",
+        "# Generated from heightmap25d_ros/params/sections.py by scripts/write_parameters.py.",
         "/**:",
         "  ros__parameters:",
     ]

@@ -1,10 +1,9 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Every tunable number, once: default, unit, range and meaning.
+"""The parameters themselves, in sections: default, unit, range and meaning, one line each.
 
-One frozen section per module; the module takes its own section, the nodes declare ROS
-parameters from it (``section.name``), and `parameter_file` writes ``config/heightmap25d.yaml``
-and the table of docs/interface.md from it.
+One frozen section for each class of the package that has parameters. `files` generates
+``config/heightmap25d.yaml`` and the table of docs/interface.md from here.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from heightmap25d_ros.params.spec import Section, parameter
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GridParams(Section):
-    """The lattice of cells."""
+    """The grid of cells."""
 
     resolution: float = parameter(0.125, "side of a cell", "m", low=0.01, high=10.0)
     extent: float = parameter(
@@ -27,39 +26,44 @@ class GridParams(Section):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorParams(Section):
-    """From ranges to beams, and how far a beam is believed.
+    """Which ranges are used, and the sensor model.
 
     The four likelihoods are pairs, at range 0 and at ``max_range``, linear in between.
     """
 
     min_range: float = parameter(
-        0.0, "returns nearer than this (the robot's own body) are ignored", "m", low=0.0, high=10.0
-    )
+        0.0, "returns at a shorter range (the robot's own body) are ignored", "m",
+        low=0.0, high=10.0,
+    )  # fmt: skip
     max_range: float = parameter(
-        30.0, "returns from farther away clear, but do not hit", "m", low=0.5, high=200.0
-    )
+        30.0, "returns at a longer range clear cells up to this range, and mark none", "m",
+        low=0.5, high=200.0,
+    )  # fmt: skip
     clearing_range: float = parameter(
-        10.0, "how far a beam without return clears", "m", low=0.0, high=200.0
+        10.0, "a beam without return clears cells up to this range", "m", low=0.0, high=200.0
     )
     min_height: float = parameter(
-        -5.0, "returns lower than this above base_link are not mapped", "m", low=-327.0, high=327.0
-    )
+        -5.0, "returns below this height above base_link are not mapped", "m",
+        low=-327.0, high=327.0,
+    )  # fmt: skip
     max_height: float = parameter(
-        1.5, "returns higher than this above base_link (ceilings) are not mapped", "m",
+        1.5, "returns above this height above base_link (ceilings) are not mapped", "m",
         low=-327.0, high=327.0,
     )  # fmt: skip
     hit_given_object: tuple[float, ...] = parameter(
-        (0.80, 0.60), "P(s|O): a return where there is an object", low=0.01, high=0.99
+        (0.80, 0.60), "P(s|O): likelihood of a return from an occupied cell", low=0.01, high=0.99
     )
     hit_given_empty: tuple[float, ...] = parameter(
-        (0.20, 0.40), "P(s|not O): a return where there is none", low=0.01, high=0.99
+        (0.20, 0.40), "P(s|not O): likelihood of a return from an empty cell", low=0.01, high=0.99
     )
     miss_given_object: tuple[float, ...] = parameter(
-        (0.30, 0.45), "P(miss|O): a beam passes where there is an object", low=0.01, high=0.99
-    )
+        (0.30, 0.45), "P(miss|O): likelihood that a beam passes an occupied cell",
+        low=0.01, high=0.99,
+    )  # fmt: skip
     miss_given_empty: tuple[float, ...] = parameter(
-        (0.70, 0.55), "P(miss|not O): a beam passes where there is none", low=0.01, high=0.99
-    )
+        (0.70, 0.55), "P(miss|not O): likelihood that a beam passes an empty cell",
+        low=0.01, high=0.99,
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         Section.__post_init__(self)
@@ -81,46 +85,51 @@ _LIKELIHOODS = ("hit_given_object", "hit_given_empty", "miss_given_object", "mis
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MapperParams(Section):
-    """The update of a cell."""
+    """The update of a cell from a reading."""
 
     update_rule: str = parameter(
         "candidate",
-        "paper: literal; candidate: a higher reading waits beside the stored one for a second",
+        "paper: the literal rule; candidate: a higher reading must be confirmed by a second one",
         choices=("candidate", "paper"),
     )
     height_tolerance: float = parameter(
-        0.10, "T: readings this close to the stored height confirm it", "m", low=0.0, high=10.0
-    )
+        0.10, "T: a reading within this distance of the stored height confirms it", "m",
+        low=0.0, high=10.0,
+    )  # fmt: skip
     probability_threshold: float = parameter(
-        0.50, "cells believed less than this are unknown", low=0.01, high=0.99
+        0.50, "cells of a lower probability are unknown", low=0.01, high=0.99
     )
     probability_min: float = parameter(
-        0.02, "no observed cell is believed less than this", low=0.0, high=0.5
+        0.02, "lower limit of the probability of an observed cell", low=0.0, high=0.5
     )
     probability_max: float = parameter(
-        0.98, "no cell is believed more than this, so that every cell can change", low=0.5, high=1.0
-    )
+        0.98, "upper limit of the probability, below 1 so that every cell can change",
+        low=0.5, high=1.0,
+    )  # fmt: skip
     replace_belief: float = parameter(
-        0.50, "P(s|O) that a higher reading needs to replace the stored one", low=0.0, high=1.0
+        0.50, "least P(s|O) of a higher reading that replaces the stored height", low=0.0, high=1.0
     )
     candidate_belief: float = parameter(
-        0.85, "candidate: belief at which it takes the stored height's place", low=0.0, high=1.0
+        0.85, "candidate: probability at which it replaces the stored height", low=0.0, high=1.0
     )
     clearing_margin: float = parameter(
-        0.05, "candidate: a beam contradicts heights only this far above itself", "m",
+        0.05, "candidate: a beam clears only heights at least this far above it", "m",
         low=0.0, high=1.0,
     )  # fmt: skip
     clearing_width: float = parameter(
-        0.5, "candidate: a beam contradicts a cell whose centre is in a strip this wide", "cells",
-        low=0.0, high=3.0,
+        0.5, "candidate: a beam clears only cells whose centre is in a strip of this width",
+        "cells", low=0.0, high=3.0,
     )  # fmt: skip
     lone_return: float = parameter(
-        0.15, "candidate: returns this far from what the beams beside see are ignored; 0: none",
-        "m", low=0.0, high=100.0,
+        0.15,
+        "candidate: a return farther than this from those of its neighbouring beams is an "
+        "outlier; 0: no outlier rejection", "m",
+        low=0.0, high=100.0,
     )  # fmt: skip
     height_allowance: float = parameter(
-        0.01, "candidate: eq. (3) raises a height to this far below the reading", "m",
-        low=0.0, high=1.0,
+        0.01,
+        "candidate: subtracted from a reading in eq. (3), against the bias of a running maximum",
+        "m", low=0.0, high=1.0,
     )  # fmt: skip
 
     def __post_init__(self) -> None:
@@ -136,18 +145,18 @@ class MapperParams(Section):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TraversabilityParams(Section):
-    """What the robot can drive over."""
+    """Limits of what the robot can drive over."""
 
     max_step: float = parameter(
-        0.10, "height difference of neighbouring cells that the robot climbs", "m",
+        0.10, "largest height difference between neighbouring cells that the robot climbs", "m",
         low=0.01, high=10.0,
     )  # fmt: skip
     max_slope: float = parameter(
-        0.44, "slope of the ground under the footprint that the robot climbs", "rad",
+        0.44, "steepest slope of the ground under the footprint that the robot climbs", "rad",
         low=0.01, high=1.5,
     )  # fmt: skip
     max_roughness: float = parameter(
-        0.05, "rms distance of the ground from its plane at which the cost is full", "m",
+        0.05, "rms distance of the ground from its plane at which the cost is highest", "m",
         low=0.001, high=10.0,
     )  # fmt: skip
     robot_radius: float = parameter(
@@ -157,68 +166,72 @@ class TraversabilityParams(Section):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlannerParams(Section):
-    """What a way costs, in metres of flat open ground, and what it may cross."""
+    """The cost of a path, in metres of flat open ground, and what it may cross."""
 
     climb_weight: float = parameter(
-        2.0, "metres on the flat that one metre up is worth besides its length", low=0.0, high=50.0
+        2.0, "cost of one metre of ascent, besides its length", low=0.0, high=50.0
     )
     descent_weight: float = parameter(
-        1.0, "metres on the flat that one metre down is worth besides its length",
-        low=0.0, high=50.0,
-    )  # fmt: skip
+        1.0, "cost of one metre of descent, besides its length", low=0.0, high=50.0
+    )
     cross_slope_weight: float = parameter(
-        3.0, "of one metre on the flat, added per metre along a slope, times its tangent",
+        3.0, "cost per metre across a slope, times its tangent, besides its length",
         low=0.0, high=50.0,
     )  # fmt: skip
     roughness_weight: float = parameter(
-        1.0, "added per metre on ground of traversability.max_roughness", low=0.0, high=50.0
-    )
+        1.0, "cost per metre on ground of traversability.max_roughness, besides its length",
+        low=0.0, high=50.0,
+    )  # fmt: skip
     clearance_weight: float = parameter(
-        1.0, "added per metre beside an obstacle, where the robot just fits", low=0.0, high=50.0
-    )
+        1.0, "cost per metre beside an obstacle, where the robot just fits, besides its length",
+        low=0.0, high=50.0,
+    )  # fmt: skip
     clearance: float = parameter(
-        0.4, "distance beyond robot_radius at which obstacles cost nothing", "m",
+        0.4, "distance beyond robot_radius from which on obstacles add no cost", "m",
         low=0.0, high=10.0,
     )  # fmt: skip
     unknown: str = parameter(
-        "forbid", "whether ways over unknown cells are forbidden, or cost more",
+        "forbid", "whether paths over unknown cells are forbidden, or cost more",
         choices=("forbid", "cost"),
     )  # fmt: skip
     unknown_weight: float = parameter(
-        2.0, "unknown: cost: added per metre over unknown cells", low=0.0, high=50.0
-    )
+        2.0, "unknown: cost: cost per metre over unknown cells, besides its length",
+        low=0.0, high=50.0,
+    )  # fmt: skip
     unknown_margin: float = parameter(
-        0.2, "unknown: forbid: the robot's middle keeps this far from unknown cells", "m",
+        0.2, "unknown: forbid: distance that the robot's centre keeps from unknown cells", "m",
         low=0.0, high=5.0,
     )  # fmt: skip
     max_gap: float = parameter(
-        0.25, "unknown gaps between known cells, up to this wide, are taken for ground", "m",
+        0.25, "unknown gaps between known cells up to this width are filled with ground", "m",
         low=0.0, high=2.0,
     )  # fmt: skip
     goal_tolerance: float = parameter(
-        0.0, "a goal that cannot be reached is replaced by the nearest place within this", "m",
-        low=0.0, high=10.0,
+        0.0, "an unreachable goal is replaced by the nearest reachable cell within this distance",
+        "m", low=0.0, high=10.0,
     )  # fmt: skip
-    robot_length: float = parameter(0.78, "of the robot's rectangle, along x", "m", low=0, high=10)
-    robot_width: float = parameter(0.64, "of the robot's rectangle, along y", "m", low=0, high=10)
-    timeout: float = parameter(2.0, "a plan is given up after this", "s", low=0.01, high=600.0)
+    robot_length: float = parameter(0.78, "length of the footprint, along x", "m", low=0, high=10)
+    robot_width: float = parameter(0.64, "width of the footprint, along y", "m", low=0, high=10)
+    timeout: float = parameter(2.0, "planning fails after this time", "s", low=0.01, high=600.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IntakeParams(Section):
-    """Which messages are taken, and how long a scan waits for its poses."""
+    """Which messages are used, and how long a scan waits for its poses."""
 
     scan_topics: tuple[str, ...] = parameter(("scan",), "LaserScan topics, one per laser")
     mounts: tuple[float, ...] = parameter(
         (), "x, y, z, roll, pitch, yaw of each laser in base_link; empty: from /tf", "m, rad"
     )
-    base_frame: str = parameter("base_link", "the robot's frame")
+    base_frame: str = parameter("base_link", "frame of the robot")
     odom_gap: float = parameter(
-        1.0, "poses farther apart than this are not interpolated", "s", low=0.001, high=60.0
-    )
+        1.0, "no interpolation between poses that are farther apart than this", "s",
+        low=0.001, high=60.0,
+    )  # fmt: skip
     wait_limit: float = parameter(
-        1.0, "a scan is dropped when its poses have not come by then", "s", low=0.0, high=60.0
-    )
+        1.0, "a scan is dropped when its poses have not arrived after this time", "s",
+        low=0.0, high=60.0,
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         Section.__post_init__(self)
@@ -235,23 +248,27 @@ class IntakeParams(Section):
 class MappingParams(Section):
     """The mapping node."""
 
-    map_frame: str = parameter("map", "frame_id of what is published")
+    map_frame: str = parameter("map", "frame_id of published messages")
     publish_rate: float = parameter(
-        2.0, "most often that maps are published", "Hz", low=0.05, high=50.0
+        2.0, "highest rate at which maps are published", "Hz", low=0.05, high=50.0
     )
     start_radius: float = parameter(
         0.0,
-        "an empty map begins with flat ground this far around the robot, where no laser sees it; "
-        "what is seen replaces it; 0: with nothing", "m", low=0.0, high=10.0,
+        "a new map begins with flat ground of this radius around the robot, which no laser "
+        "sees; readings replace it; 0: no such ground", "m",
+        low=0.0, high=10.0,
     )  # fmt: skip
     max_cells: float = parameter(
-        32e6, "a map whose bounding box has more cells is not published or saved", low=256, high=1e9
-    )
-    map_directory: str = parameter("maps", "where save_map and load_map keep their maps")
-    initial_map: str = parameter("", "name of the map to begin with; empty: none")
+        32e6, "a map whose bounding box has more cells is neither published nor saved",
+        low=256, high=1e9,
+    )  # fmt: skip
+    map_directory: str = parameter("maps", "directory of the maps of save_map and load_map")
+    initial_map: str = parameter("", "name of the map that is loaded at the start; empty: none")
     autosave: str = parameter(
-        "", "name under which a map that is not saved is saved when the node ends; empty: it is not"
-    )
+        "",
+        "name under which an unsaved map is saved when the node shuts down; empty: it is not "
+        "saved",
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         Section.__post_init__(self)
@@ -264,87 +281,100 @@ class PlanningParams(Section):
     """The planning node."""
 
     replan_gain: float = parameter(
-        0.2, "a path that is still open is replaced by one that is cheaper by this share",
+        0.2, "a valid path is replaced by a new one that is cheaper by this share",
         low=0.0, high=1.0,
     )  # fmt: skip
     replan_angle: float = parameter(
-        1.0, "the robot has left the path when it moves this far off the best direction", "rad",
-        low=0.4, high=3.14,
+        1.0, "the robot has left the path when it moves at a larger angle to the best direction",
+        "rad", low=0.4, high=3.14,
     )  # fmt: skip
     goal_reached: float = parameter(
-        0.3, "a goal this near is reached, and not planned to any more", "m", low=0.0, high=10.0
+        0.3, "the goal is reached within this distance, and planning ends", "m", low=0.0, high=10.0
     )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShortTermParams(Section):
-    """Short-term maps; way counts turning as well, a radian as half a metre."""
+    """Short-term maps, by the distance travelled; a radian of turning counts as half a metre."""
 
     length: float = parameter(
-        2.0, "way after which a map is given up for the next one", "m", low=0.2, high=100.0
+        2.0, "distance travelled after which a map is replaced by the next one", "m",
+        low=0.2, high=100.0,
+    )  # fmt: skip
+    maps: int = parameter(
+        2, "number of maps that are kept at a time, of staggered age", low=1, high=10
     )
-    maps: int = parameter(2, "how many there are at once, of staggered age", low=1, high=10)
-    mature_way: float = parameter(0.4, "way after which a map is used", "m", low=0.0, high=100.0)
+    mature_distance: float = parameter(
+        0.4, "distance travelled after which a map is registered", "m", low=0.0, high=100.0
+    )
     mature_time: float = parameter(
-        5.0, "or time: for a robot that stands", "s", low=0.0, high=600.0
+        5.0, "time after which a map is registered, for a robot that does not move", "s",
+        low=0.0, high=600.0,
+    )  # fmt: skip
+    mature_cells: int = parameter(
+        150, "least number of known cells of a map that is registered", low=10
     )
-    mature_cells: int = parameter(150, "known cells without which it is not used", low=10)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RegistrationParams(Section):
-    """A short-term map against the long-term map."""
+    """Registration of a short-term map against the long-term map."""
 
     method: str = parameter(
-        "robust", "paper: literal; robust: clipped, z eliminated, below the size of a cell",
+        "robust",
+        "paper: the literal method; robust: clipped cost, z eliminated, sub-cell accuracy",
         choices=("robust", "paper"),
-    )  # fmt: skip
-    clip: float = parameter(
-        0.3, "the most that a difference in height costs", "m", low=0.01, high=10.0
     )
+    clip: float = parameter(0.3, "largest cost of a difference in height", "m", low=0.01, high=10.0)
     unknown: float = parameter(
-        1.0, "part of clip that a point over an unknown cell costs", low=0.0, high=1.0
+        1.0, "cost of a point over an unknown cell, as a share of clip", low=0.0, high=1.0
     )
     edge_step: float = parameter(
-        0.15, "cells so much above a neighbour are edges: only their place is compared", "m",
+        0.15,
+        "cells that are this much higher than a neighbour are edges: only their position is "
+        "compared", "m",
         low=0.01, high=10.0,
     )  # fmt: skip
-    search_points: int = parameter(600, "points that are used for the search", low=50)
+    search_points: int = parameter(600, "number of points that the search uses", low=50)
     window_distance: float = parameter(
-        3.0, "the search goes at most so far from the prior", "m", low=0.1, high=50.0
+        3.0, "largest offset from the prior that is searched", "m", low=0.1, high=50.0
     )
-    window_angle: float = parameter(0.8, "and turns at most so far", "rad", low=0.01, high=3.1416)
-    z_range: float = parameter(
-        1.0, "errors of z that are looked for, up and down", "m", low=0.05, high=50.0
+    window_angle: float = parameter(
+        0.8, "largest yaw offset from the prior that is searched", "rad", low=0.01, high=3.1416
     )
+    z_range: float = parameter(1.0, "largest error of z, up and down", "m", low=0.05, high=50.0)
     min_overlap: float = parameter(
-        0.5, "share of the points over known cells below which it is refused", low=0.0, high=1.0
-    )
+        0.5, "share of the points over known cells below which a registration is rejected",
+        low=0.0, high=1.0,
+    )  # fmt: skip
     max_residual: float = parameter(
-        0.06, "mean cost of a point above which it is refused", "m", low=0.0, high=10.0
+        0.06, "mean cost of a point above which a registration is rejected", "m", low=0.0, high=10.0
     )
     max_ratio: float = parameter(
-        0.85, "score over that of the second-best basin above which it is refused",
+        0.85,
+        "ratio to the score of the second-best minimum above which a registration is rejected",
         low=0.0, high=1.0,
     )  # fmt: skip
     max_search_ratio: float = parameter(
-        0.7, "the same for a search of the whole map", low=0.0, high=1.0
+        0.7, "the same ratio for a search of the whole map", low=0.0, high=1.0
     )
     max_deviation: float = parameter(
-        4.0, "standard deviations from the prior beyond which it is refused", low=0.5, high=100.0
-    )
+        4.0, "standard deviations from the prior beyond which a registration is rejected",
+        low=0.5, high=100.0,
+    )  # fmt: skip
     min_curvature: float = parameter(
-        0.005, "rise of the score one cell away, per clip, below which a direction is not observed",
+        0.005,
+        "increase of the score one cell away, per clip, below which a direction is not observed",
         low=0.0, high=1.0,
     )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LocalizationParams(Section):
-    """The pose over the long-term map."""
+    """Localization on the long-term map."""
 
     interval: float = parameter(
-        0.25, "way from one registration to the next", "m", low=0.05, high=50.0
+        0.25, "distance travelled from one registration to the next", "m", low=0.05, high=50.0
     )
     initial_position: float = parameter(
         0.3, "standard deviation of x and y at the start", "m", low=0.01, high=10.0
@@ -353,24 +383,25 @@ class LocalizationParams(Section):
         0.1, "standard deviation of the yaw at the start", "rad", low=0.001, high=3.1416
     )
     position_drift: float = parameter(
-        0.08, "standard deviation that a metre of way adds to x and y", "m", low=0.0, high=1.0
+        0.08, "standard deviation that a metre travelled adds to x and y", "m", low=0.0, high=1.0
     )
     yaw_drift: float = parameter(
-        0.01, "standard deviation that a metre of way adds to the yaw", "rad", low=0.0, high=1.0
+        0.01, "standard deviation that a metre travelled adds to the yaw", "rad", low=0.0, high=1.0
     )
     max_odom_step: float = parameter(
-        0.5, "odometry that moves farther between two messages has jumped, the robot has not", "m",
-        low=0.01, high=100.0,
+        0.5, "a longer step between two odometry messages is a jump of the odometry, not motion",
+        "m", low=0.01, high=100.0,
     )  # fmt: skip
     confirmations: int = parameter(
-        2, "registrations in a row that make the state TRACKING", low=1, high=100
+        2, "accepted registrations in a row after which the state is TRACKING", low=1, high=100
     )
     degraded_refusals: int = parameter(
         3, "contradictions in a row after which the state is DEGRADED", low=1, high=1000
     )
     degraded_deviation: float = parameter(
-        0.3, "or standard deviation of the position", "m", low=0.01, high=100.0
-    )
+        0.3, "standard deviation of the position above which the state is DEGRADED", "m",
+        low=0.01, high=100.0,
+    )  # fmt: skip
     lost_refusals: int = parameter(
         10, "contradictions in a row after which the state is LOST", low=1, high=1000
     )
@@ -378,16 +409,18 @@ class LocalizationParams(Section):
         True, "whether the whole map is searched when the state is LOST"
     )
     correction_speed: float = parameter(
-        0.2, "the published pose is corrected at most so fast", "m/s", low=0.001, high=100.0
-    )
+        0.2, "highest speed at which the published transform follows a correction", "m/s",
+        low=0.001, high=100.0,
+    )  # fmt: skip
     correction_turn: float = parameter(
-        0.2, "and turned at most so fast", "rad/s", low=0.001, high=100.0
-    )
+        0.2, "highest turn rate at which the published transform follows a correction", "rad/s",
+        low=0.001, high=100.0,
+    )  # fmt: skip
     transform_rate: float = parameter(
-        20.0, "how often map -> odom is published on /tf", "Hz", low=1.0, high=200.0
+        20.0, "rate at which map -> odom is published on /tf", "Hz", low=1.0, high=200.0
     )
     transform_tolerance: float = parameter(
-        0.1, "how far that transform is dated ahead", "s", low=0.0, high=10.0
+        0.1, "how far that transform is post-dated", "s", low=0.0, high=10.0
     )
     map_directory: str = parameter(
         "", "directory of the long-term map; empty: from the topic long_term_grid"
@@ -399,25 +432,28 @@ class SimulatorParams(Section):
     """The simulator node."""
 
     world: str = parameter(
-        "room", "where the robot is",
+        "room", "simulated world",
         choices=(
             "ramp", "room", "rough", "street", "arch", "garage", "moving", "plain_ramp",
             "plain_street", "corridor", "court", "pillars", "twin_rooms",
         ),
     )  # fmt: skip
-    seed: int = parameter(1, "of the world's details and of the noise, from 0 on")
-    rate: float = parameter(1.0, "times real time, where the machine can", low=0.01, high=100.0)
-    scan_rate: float = parameter(37.5, "scans of each laser", "Hz", low=0.1, high=75.0)
-    nodding: bool = parameter(False, "whether there is a third laser, which nods")
-    true_odometry: bool = parameter(False, "whether odom is without errors")
+    seed: int = parameter(1, "seed of the world's details and of the noise, from 0 on")
+    rate: float = parameter(
+        1.0, "speed in multiples of real time, as far as the machine can keep up",
+        low=0.01, high=100.0,
+    )  # fmt: skip
+    scan_rate: float = parameter(37.5, "scan rate of each laser", "Hz", low=0.1, high=75.0)
+    nodding: bool = parameter(False, "whether the robot carries a third, nodding laser")
+    true_odometry: bool = parameter(False, "whether odometry is free of errors")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Params:
-    """All sections together, and what belongs to none."""
+    """All sections, and the parameters that belong to none."""
 
     autostart: bool = parameter(
-        True, "whether the node configures and activates itself; false: a lifecycle manager does"
+        True, "whether the node configures and activates itself; false: left to a lifecycle manager"
     )
     grid: GridParams = field(default_factory=GridParams)
     sensor: SensorParams = field(default_factory=SensorParams)

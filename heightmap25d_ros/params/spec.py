@@ -1,10 +1,9 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Every tunable number, once: default, unit, range and meaning.
+"""What is declared of one parameter besides its default, and the checks that follow from it.
 
-One frozen section per module; the module takes its own section, the nodes declare ROS
-parameters from it (``section.name``), and `parameter_file` writes ``config/heightmap25d.yaml``
-and the table of docs/interface.md from it.
+`parameter` makes a field of a section out of default, meaning, unit and range; a `Section` checks
+its own values by them. The parameters themselves are in `sections`.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ Value = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Spec:
-    """What is known of one parameter besides its name and default."""
+    """Meaning, unit and admitted values of a parameter."""
 
     meaning: str
     unit: str = ""
@@ -33,7 +32,7 @@ class Spec:
 
     @property
     def range_text(self) -> str:
-        """The admitted values in words, empty where every value of the type is admitted."""
+        """The admitted values as text; empty where every value of the type is admitted."""
         if self.choices:
             return " | ".join(self.choices)
         if math.isinf(self.low) and math.isinf(self.high):
@@ -47,7 +46,7 @@ def parameter(default: Any, meaning: str, unit: str = "", **limits: Any) -> Any:
 
 
 class Section:
-    """Checks its own values, so that a section in hand is a valid one."""
+    """Base of the sections; checks its values when it is made, so that every instance is valid."""
 
     __slots__ = ()
 
@@ -64,7 +63,13 @@ def specs(section: Any) -> Iterator[tuple[str, Spec, Value]]:
 
 
 def check(name: str, spec: Spec, value: Value) -> None:
-    """Refuse a value outside of the range or the choices of a parameter with `InputError`."""
+    """Check a value against the range and the choices of a parameter.
+
+    Raises
+    ------
+    InputError
+        If it is outside of them.
+    """
     if spec.choices and value not in spec.choices:
         raise InputError(f"parameter {name}: {value!r} is not one of {', '.join(spec.choices)}")
     for number in value if isinstance(value, tuple) else (value,):

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """From heights to obstacles.
 
-`steps` finds steps between cells, `ground_plane` slopes and roughness under the footprint,
-`gap_filling` closes narrow unknown gaps. `traversability` makes the obstacle map of a dense map,
-and `obstacle_grid` keeps that of a growing one up to date.
+`steps` finds blocked transitions between cells, `ground_plane` slope and roughness under the
+footprint, `gap_filling` fills narrow unknown gaps. `traversability` makes the obstacle map of a
+dense map, and `obstacle_grid` keeps that of a growing one up to date.
 """

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Narrow unknown gaps in a map become ground."""
+"""Narrow unknown gaps in a map are filled with ground."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from heightmap25d_ros.terrain.steps import NEIGHBOURS, cropped
 
 
 def fill_gaps(height_map: HeightMap, max_gap: float) -> HeightMap:
-    """A map whose narrow unknown gaps are ground.
+    """A map whose narrow unknown gaps are filled with ground.
 
-    They get the lowest height around, on both sides: so a gap beside a wall becomes ground and
-    the wall does not grow, and at a drop-off or a kerb the edge is still a blocked transition.
+    A gap gets the lowest height around it, on both sides: so a gap beside a wall becomes ground
+    and the wall does not grow, and at a drop-off or a kerb the edge remains a blocked transition.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def fill_gaps(height_map: HeightMap, max_gap: float) -> HeightMap:
     width = int(max_gap / height_map.geometry.resolution + 1e-6)
     if not width:
         return height_map
-    # A morphological closing; of an even square the two halves look opposite ways.
+    # A morphological closing; the origins of an even square are mirrored in its two halves.
     side, mirrored = width + 1, -(width % 2)
     dilated = ndimage.maximum_filter(np.pad(height_map.known, side), side)
     closed = cropped(ndimage.minimum_filter(dilated, side, origin=mirrored), side)
@@ -45,7 +45,7 @@ def fill_gaps(height_map: HeightMap, max_gap: float) -> HeightMap:
 
 @kernel
 def _gap_heights(height, known, rows, columns, width):
-    """For gap cells the lowest known height [cm] as far around as the gap is wide there."""
+    """The lowest known height [cm] around each gap cell, within half the width of the gap."""
     result = np.empty(len(rows), np.int16)
     for i in range(len(rows)):
         y, x = rows[i], columns[i]
@@ -61,7 +61,7 @@ def _gap_heights(height, known, rows, columns, width):
 
 @kernel
 def _half_width(known, y, x, width):
-    """How far one has to look from a gap cell to see known cells on two opposite sides."""
+    """Distance [cells] from a gap cell within which known cells lie on two opposite sides."""
     least = width
     for k in range(4):
         dy, dx = NEIGHBOURS[k]

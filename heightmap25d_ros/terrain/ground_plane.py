@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What lies under and around a robot: planes under a disc, and the disc around obstacles.
+"""The ground under the robot's footprint: planes fitted under a disc, and inflation by that disc.
 
-All sums are of integers (cells, centimetres), so that what is found for a cell depends on the
-heights around it alone, and not on the rectangle in which it was computed.
+All sums are of integers (cells, centimetres), so that the result for a cell depends on the heights
+around it alone, and not on the rectangle in which it was computed.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from heightmap25d_ros.kernels import kernel
 from heightmap25d_ros.terrain.steps import NEIGHBOURS, STRETCH, UNOBSERVED, cropped
 
 CHUNK = 512
-"""Cells of a row whose sums are formed together: they stay in the first-level cache."""
+"""Cells whose sums are formed together: they stay in the first-level cache."""
 
 PITCH = CHUNK + 16
-"""From one row of sums to the next: rows a power of two apart share few lines of the cache."""
+"""Offset between rows of sums: rows a power of two apart would share few cache lines."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,13 +32,13 @@ class Footprint:
     Attributes
     ----------
     radius : int
-        In whole cells: the farthest row and column.
+        In whole cells: the largest row and column offset.
     offsets : (2 K + 1, 2) int64
-        (dy, dx): the centre, then opposites side by side, the nearer before the farther.
+        (dy, dx): the centre, then pairs of opposite cells, in order of distance.
     predecessors : (2 K + 1,) int64
-        Which of them is next on the straight way to the centre.
+        Index of the next cell on the straight line to the centre.
     directions : (2 K + 1,) int64
-        Which of `NEIGHBOURS` leads from the predecessor to the cell; of no meaning for the
+        Index in `NEIGHBOURS` of the step from the predecessor to the cell; unused for the
         centre.
     """
 
@@ -86,16 +86,16 @@ def planes(
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Gradient and roughness of the ground under a disc centred on each cell.
 
-    The ground is what the robot could roll onto from the centre: the known cells of the disc
-    to which the straight way from the centre crosses no blocked transition, and which (where
-    the way leads over unknown cells) differ by at most `max_step_cm` per cell of distance. So
-    a wall, a kerb or a cliff beside level ground does not tilt it, and a steep slope made of
-    open steps is seen as steep.
+    The ground is what the robot could drive onto from the centre: the known cells of the disc
+    to which the straight line from the centre crosses no blocked transition, and whose heights
+    (where the line crosses unknown cells) differ by at most `max_step_cm` per cell of distance.
+    So a wall, a kerb or a cliff beside level ground does not tilt the plane, and a steep slope
+    made of open steps is measured as steep.
 
-    A least-squares plane is put through it. Noise makes a gradient uncertain as one over the
+    A least-squares plane is fitted to it. Noise makes a gradient uncertain as one over the
     root of the ground's second moment (the sum of squared distances to the mean) in that
     direction; where it is less than a sixteenth of the whole disc's, and so the gradient more
-    than four times as uncertain, the gradient in that direction is taken for zero.
+    than four times as uncertain, the gradient in that direction is set to zero.
 
     Parameters
     ----------
@@ -133,9 +133,9 @@ def planes(
 def _planes(ground, disc, max_step, least_moment, sums, gradient, roughness):
     surface, blocked, pitch = ground
     offsets, predecessors, directions = disc
-    ways = offsets[:, 0] * pitch + offsets[:, 1]
-    margin = ways.max()
-    reached = np.ones((len(ways), CHUNK), np.uint8)
+    flat_offsets = offsets[:, 0] * pitch + offsets[:, 1]
+    margin = flat_offsets.max()
+    reached = np.ones((len(flat_offsets), CHUNK), np.uint8)
     for start in range(margin, surface.size - margin, CHUNK):
         end = min(start + CHUNK, surface.size - margin)
         here = surface[start:end]
@@ -143,16 +143,16 @@ def _planes(ground, disc, max_step, least_moment, sums, gradient, roughness):
             continue
         sums[:] = 0
         sums[: here.size] = 1  # the centre itself
-        for i in range(1, len(ways)):
+        for i in range(1, len(flat_offsets)):
             before = predecessors[i]
-            mask = blocked[start + ways[before] : end + ways[before]]
+            mask = blocked[start + flat_offsets[before] : end + flat_offsets[before]]
             _reach(reached[before], mask, np.uint8(directions[i]), reached[i])
             if i % 2 == 0:  # opposite cells together: half as many passes over the sums
                 dy, dx = np.int32(offsets[i, 0]), np.int32(offsets[i, 1])
                 _add(
                     here,
-                    (surface[start + ways[i] : end + ways[i]], reached[i]),
-                    (surface[start - ways[i] : end - ways[i]], reached[i - 1]),
+                    (surface[start + flat_offsets[i] : end + flat_offsets[i]], reached[i]),
+                    (surface[start - flat_offsets[i] : end - flat_offsets[i]], reached[i - 1]),
                     (dy, dx),
                     np.int32(max(abs(dy), abs(dx)) * max_step),
                     sums,
@@ -226,7 +226,7 @@ def _fit(sums, least_moment, gradient, roughness):
 def inflate(
     cost: NDArray[np.int8], disc: Footprint, *, occupied: int, inflated: int
 ) -> NDArray[np.int8]:
-    """Raise the known cells within a disc around occupied ones.
+    """Raise the cost of the known cells within a disc around occupied ones.
 
     Parameters
     ----------
@@ -236,23 +236,23 @@ def inflate(
     occupied : int
         The cost of occupied cells.
     inflated : int
-        The cost that the others get.
+        The cost of the cells around them.
     """
     is_occupied = np.pad(cost == occupied, disc.radius)
     is_near = np.zeros(is_occupied.shape, np.bool_)
-    ways = disc.offsets @ (is_occupied.shape[1], 1)
-    _spread(is_occupied.ravel(), ways, is_near.ravel())
+    offsets = disc.offsets @ (is_occupied.shape[1], 1)
+    _spread(is_occupied.ravel(), offsets, is_near.ravel())
     is_near = cropped(is_near, disc.radius)
     return np.where(is_near & (cost >= 0) & (cost != occupied), np.int8(inflated), cost)
 
 
 @kernel
-def _spread(is_occupied, ways, is_near):
-    margin = ways.max()
+def _spread(is_occupied, offsets, is_near):
+    margin = offsets.max()
     for start in range(margin, is_near.size - margin, STRETCH):
         end = min(start + STRETCH, is_near.size - margin)
-        for way in ways:
-            _unite(is_occupied[start + way : end + way], is_near[start:end])
+        for offset in offsets:
+            _unite(is_occupied[start + offset : end + offset], is_near[start:end])
 
 
 @kernel

@@ -1,16 +1,8 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Heights become transitions, obstacles and cost.
+"""The obstacles of a growing map, kept up to date by converting only what has changed.
 
-- A *transition* between known 8-neighbours is blocked when their heights differ by more than
-  ``max_step``, up or down.
-- A known cell is *occupied* when it is the upper end of a blocked transition (a wall takes its
-  own cells, a cliff its rim), or when the ground under a footprint centred on it is steeper than
-  ``max_slope``.
-- The *cost* of a free cell is the largest of three shares: the largest step to a neighbour in
-  ``max_step``, the gradient under the footprint in that of ``max_slope``, the roughness there in
-  ``max_roughness``. Cells within ``robot_radius`` of an occupied one are inflated: a robot with
-  its centre there touches it.
+The conversion itself is `traversability.to_obstacle_map`.
 """
 
 from __future__ import annotations
@@ -31,14 +23,14 @@ from heightmap25d_ros.terrain.traversability import (
 )
 
 BLOCK = 16
-"""Side [tiles] of the squares that are converted at a time."""
+"""Side [tiles] of the squares that are converted together."""
 
 
 class ObstacleGrid:
     """The obstacles of a `HeightGrid`, converted again where it changed.
 
-    At all times after an update it holds what `convert` makes of all that was observed. Like
-    the height grid it takes memory only where cells were observed.
+    After each update it equals `to_obstacle_map` of the whole observed area. Like the height
+    grid it takes memory only where cells were observed.
 
     Parameters
     ----------
@@ -56,14 +48,14 @@ class ObstacleGrid:
         self._geometry = geometry
         self._params = params
         radius = covering_disc(params, geometry.resolution).radius
-        self._influence = radius + max(radius, 1)  # inflation, and what makes a cell occupied
+        self._influence = radius + max(radius, 1)  # of inflation, and of the ground of a cell
         tiles = geometry.shape[0] // TILE, geometry.shape[1] // TILE
         # A cost is stored plus 1: what was never written is unknown.
         self._cost = TiledArray(tiles, np.int8)
         self._blocked = TiledArray(tiles, np.uint8)
 
     def update(self, grid: HeightGrid, probability_threshold: float) -> NDArray[np.int64]:
-        """Convert again what the changes of the grid since the last time can have changed.
+        """Convert the area that changes of the grid since the last update can affect.
 
         Returns
         -------
@@ -90,7 +82,7 @@ class ObstacleGrid:
         )
 
     def _influenced(self, changed: NDArray[np.int64], grid: HeightGrid) -> NDArray[np.int64]:
-        """Changed tiles, and the observed ones that are near enough; in the order of rows."""
+        """Changed tiles and the observed ones within their influence, in row-major order."""
         reach = -(-self._influence // TILE)
         offsets = np.indices((2 * reach + 1, 2 * reach + 1)).reshape(2, 1, -1) - reach
         around = (changed.T[:, :, None] + offsets).reshape(2, -1)
@@ -103,7 +95,7 @@ class ObstacleGrid:
 
 
 def _areas(tiles: NDArray[np.int64]) -> Iterator[Area]:
-    """Areas that cover the tiles: in every square of `BLOCK` tiles the smallest rectangle."""
+    """Areas that cover the tiles: the smallest rectangle in every square of `BLOCK` tiles."""
     blocks = tiles // BLOCK
     order = np.lexsort((blocks[:, 1], blocks[:, 0]))
     new = np.diff(blocks[order], axis=0).any(axis=1)

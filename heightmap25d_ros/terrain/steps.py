@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Steps between neighbouring cells: arrays of heights in, arrays of obstacles out.
+"""Steps between neighbouring cells: arrays of heights in, blocked transitions and obstacles out.
 
-The inner loops run along rows, in shapes that the compiler turns into vector instructions.
+The inner loops run along rows, in forms that the compiler vectorizes.
 """
 
 from __future__ import annotations
@@ -18,28 +18,28 @@ NEIGHBOURS = ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 
 """(dy, dx) of the neighbour behind bit k of a mask of transitions; k and k ^ 4 are opposites."""
 
 UNOBSERVED = 1 << 20
-"""Stands for the height of an unknown cell: farther from every height than heights are apart."""
+"""Height of unknown cells: farther from every height than two heights can be."""
 
 LARGEST_STEP = (1 << 16) - 1
-"""No two heights of 16 bits are farther apart [cm]."""
+"""Largest difference between two heights of 16 bits [cm]."""
 
 HIGHEST = np.int16(32767)
-"""Stands for the height of an unknown cell in a minimum, which it never is (`HEIGHT_LIMIT`)."""
+"""Height of unknown cells in a minimum: above every stored height (`HEIGHT_LIMIT`)."""
 
 LINE = 32
-"""Heights of 16 bits in a line of the cache: vectors that straddle two are read at half speed."""
+"""Heights of 16 bits per cache line: vectors across two lines are read at half speed."""
 
 STRETCH = 4096
-"""Cells over which several passes are made before the next ones: they stay in the cache."""
+"""Cells that several passes process before the next ones: they stay in the cache."""
 
 
 def padded_surface(
     height: NDArray[np.int16], known: NDArray[np.bool_], margin: int
 ) -> NDArray[np.int32]:
-    """Heights [cm] as int32, `UNOBSERVED` where none is known and in a margin all around.
+    """Heights [cm] as int32, `UNOBSERVED` in unknown cells and in a margin all around.
 
-    In a padded array laid out flat, the neighbour of a cell always lies at the same distance,
-    and rows of a small map form long vectors.
+    In a flat padded array the neighbours of every cell lie at the same offsets, and the rows of
+    a small map form long vectors.
     """
     return np.pad(np.where(known, height, np.int32(UNOBSERVED)), margin, constant_values=UNOBSERVED)
 
@@ -70,18 +70,18 @@ def transitions(
         Largest difference to a neighbour that is not too high.
     """
     blocked, step = np.zeros(surface.shape, np.uint8), np.zeros(surface.shape, np.int16)
-    ways = np.array(NEIGHBOURS) @ (surface.shape[1], 1)
-    _transitions(surface.ravel(), ways, max_step_cm, blocked.ravel(), step.ravel())
+    offsets = np.array(NEIGHBOURS) @ (surface.shape[1], 1)
+    _transitions(surface.ravel(), offsets, max_step_cm, blocked.ravel(), step.ravel())
     return blocked, step
 
 
 @kernel
-def _transitions(surface, ways, max_step, blocked, step):
-    margin = ways.max()
+def _transitions(surface, offsets, max_step, blocked, step):
+    margin = offsets.max()
     for start in range(margin, surface.size - margin, STRETCH):
         end = min(start + STRETCH, surface.size - margin)
         for k in range(8):
-            there = surface[start + ways[k] : end + ways[k]]
+            there = surface[start + offsets[k] : end + offsets[k]]
             _compare(
                 (surface[start:end], there),
                 np.int32(max_step),
@@ -104,10 +104,10 @@ def _compare(pair, max_step, bit, blocked, step):
 def step_obstacles(
     height: NDArray[np.int16], known: NDArray[np.bool_], max_step_cm: int
 ) -> NDArray[np.int8]:
-    """Occupied are the cells at the upper end of a blocked transition.
+    """Obstacles by steps: the cells at the upper end of a blocked transition are occupied.
 
-    Every blocked transition has its upper end in an occupied cell, so that no way over free
-    cells crosses one; and a wall takes only its own cells, not the ground before it.
+    Every blocked transition has its upper end in an occupied cell, so that no path over free
+    cells crosses one; and a wall occupies only its own cells, not the ground in front of it.
 
     Parameters
     ----------

@@ -1,16 +1,16 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Heights become transitions, obstacles and cost.
+"""The obstacle map of a dense height map: blocked transitions, obstacles and cost.
 
 - A *transition* between known 8-neighbours is blocked when their heights differ by more than
   ``max_step``, up or down.
-- A known cell is *occupied* when it is the upper end of a blocked transition (a wall takes its
-  own cells, a cliff its rim), or when the ground under a footprint centred on it is steeper than
+- A known cell is *occupied* when it is the upper end of a blocked transition (a wall occupies its
+  own cells, a cliff its edge), or when the ground under a footprint centred on it is steeper than
   ``max_slope``.
-- The *cost* of a free cell is the largest of three shares: the largest step to a neighbour in
-  ``max_step``, the gradient under the footprint in that of ``max_slope``, the roughness there in
-  ``max_roughness``. Cells within ``robot_radius`` of an occupied one are inflated: a robot with
-  its centre there touches it.
+- The *cost* of a free cell is the largest of three ratios: the largest step to a neighbour over
+  ``max_step``, the gradient under the footprint over that of ``max_slope``, the roughness there
+  over ``max_roughness``. Cells within ``robot_radius`` of an occupied one are inflated: a robot
+  with its centre there touches it.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ STEEPEST = 98
 """Cost of a free cell at a limit of step, slope or roughness."""
 
 LARGEST_RADIUS = 100
-"""Of the footprint [cells]."""
+"""Largest radius of the footprint [cells]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,7 +70,7 @@ class ObstacleMap:
 def blocked_transitions(
     height: NDArray[np.int16], known: NDArray[np.bool_], max_step_cm: int
 ) -> NDArray[np.uint8]:
-    """Which steps to the 8 neighbours are too high, up or down.
+    """The steps to the 8 neighbours that are too high, up or down.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def blocked_transitions(
     Returns
     -------
     (rows, columns) uint8
-        Bit k: the transition to ``NEIGHBOURS[k]``; never one from or to an unknown cell.
+        Bit k: the transition to ``NEIGHBOURS[k]``. Transitions of unknown cells are not blocked.
 
     Examples
     --------
@@ -96,7 +96,7 @@ def blocked_transitions(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ground:
-    """What the heights of a dense map say of the ground, before anything is judged.
+    """Properties of the ground of a dense map, from which obstacles and costs follow.
 
     Attributes
     ----------
@@ -117,7 +117,7 @@ class Ground:
 
 
 def analyse_ground(height_map: HeightMap, params: TraversabilityParams) -> Ground:
-    """The ground of a dense map, beyond which nothing is known.
+    """The ground of a dense map; all cells beyond the map are unknown.
 
     Raises
     ------
@@ -141,19 +141,35 @@ def analyse_ground(height_map: HeightMap, params: TraversabilityParams) -> Groun
 def to_obstacle_map(
     height_map: HeightMap, params: TraversabilityParams, ground: Ground | None = None
 ) -> ObstacleMap:
-    """Obstacles of a dense map, beyond which nothing is known.
+    """Obstacles and cost of a dense map; all cells beyond the map are unknown.
 
     Parameters
     ----------
     height_map : HeightMap
     params : TraversabilityParams
     ground : Ground, optional
-        What `analyse_ground` makes of the two, where it is at hand.
+        The result of `analyse_ground` for the two, if it has been computed already.
 
     Raises
     ------
     InputError
         If the robot's radius is more than 100 cells.
+
+    Examples
+    --------
+    A wall of 0.5 m on level ground, and a robot that covers its own cell only:
+
+    >>> walled = HeightMap(
+    ...     geometry=Geometry(resolution=0.5, origin=(0.0, 0.0), shape=(1, 5)),
+    ...     height=np.array([[0, 0, 50, 0, 0]], np.int16),
+    ...     probability=np.array([[65535, 65535, 65535, 65535, 0]], np.uint16),
+    ...     probability_threshold=0.5,
+    ... )
+    >>> obstacles = to_obstacle_map(walled, TraversabilityParams(robot_radius=0.2))
+    >>> obstacles.occupancy
+    array([[  0,   0, 100,   0,  -1]], dtype=int8)
+    >>> to_obstacle_map(walled, TraversabilityParams(robot_radius=0.5)).cost
+    array([[  0,  99, 100,  99,  -1]], dtype=int8)
     """
     ground = analyse_ground(height_map, params) if ground is None else ground
     max_step_cm = _whole(params.max_step / HEIGHT_RESOLUTION)
@@ -175,7 +191,7 @@ def to_obstacle_map(
 
 
 def _whole(quantity: float) -> int:
-    """Whole units in a quantity, whatever its last bits (0.29 / 0.01 is 28.999...)."""
+    """Whole units in a quantity, robust against rounding (0.29 / 0.01 is 28.999...)."""
     return math.floor(quantity + 1e-6)
 
 

@@ -22,7 +22,7 @@ from mpl_toolkits.axes_grid1 import make_axes_locatable
 from mpl_toolkits.mplot3d import proj3d
 from numpy.typing import NDArray
 
-from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, Area, Geometry, HeightMap
+from heightmap25d_ros.grid.height_map import Area, Geometry, HeightMap
 from heightmap25d_ros.terrain.traversability import ObstacleMap
 from heightmap25d_ros.viz import block_mesh
 
@@ -59,7 +59,7 @@ def height_map(path: Path, shown: HeightMap, trajectory: Trajectory | None = Non
 def heights_from_above(shown: HeightMap) -> tuple[Figure, Axes]:
     """A figure of the heights from above, in metres, to draw more into."""
     shown = observed_part(shown)
-    metres = np.where(shown.known, shown.height * HEIGHT_RESOLUTION, np.nan)
+    metres = shown.metres
     figure, axes = map_axes(shown.geometry)
     axes.set_facecolor(UNKNOWN_COLOUR)
     image = axes.imshow(
@@ -114,7 +114,7 @@ def blocks(path: Path, shown: HeightMap, trajectory: Trajectory | None = None) -
         As of `height_map`. A map of more than `MAX_BLOCKS` cells is shown with larger cells.
     """
     shown = block_mesh.coarser(observed_part(shown), MAX_BLOCKS)
-    metres = np.where(shown.known, shown.height * HEIGHT_RESOLUTION, np.nan)
+    metres = shown.metres
     norm = height_norm(metres)
     faces = block_mesh.faces(shown.geometry, metres, np.radians(_AZIMUTH))
     colours = terrain_colours()(norm(faces.height))[:, :3] * faces.shade[:, None]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from heightmap25d_ros import se3
-from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, HeightMap
+from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.planning.graph import TransitionGraph
 from heightmap25d_ros.planning.search import UNREACHABLE, CostToGo
 from heightmap25d_ros.terrain.steps import NEIGHBOURS
@@ -39,7 +39,7 @@ def blocks(height_map: HeightMap) -> tuple[NDArray[np.float64], NDArray[np.float
         Red, green, blue.
     """
     shown = block_mesh.coarser(observed_part(height_map), MAX_BLOCKS)
-    metres = np.where(shown.known, shown.height * HEIGHT_RESOLUTION, np.nan)
+    metres = shown.metres
     faces = block_mesh.all_faces(shown.geometry, metres)
     colours = terrain_colours()(height_norm(metres)(faces.height))[:, :3]
     return faces.corners, colours * faces.shade[:, None]

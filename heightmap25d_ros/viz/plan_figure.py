@@ -14,7 +14,7 @@ from mpl_toolkits.axes_grid1 import make_axes_locatable
 from numpy.typing import NDArray
 
 from heightmap25d_ros import se3
-from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, HeightMap
+from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.params.sections import PlannerParams
 from heightmap25d_ros.planning.graph import TransitionGraph
 from heightmap25d_ros.planning.plan import Plan
@@ -73,7 +73,7 @@ def draw(
 
 
 def _draw_map(axes: Axes, side: Axes, shown: HeightMap, graph: TransitionGraph) -> None:
-    metres = np.where(shown.known, shown.height * HEIGHT_RESOLUTION, np.nan)
+    metres = shown.metres
     axes.set_facecolor(UNKNOWN_COLOUR)
     style: dict[str, Any] = {"origin": "lower", "interpolation": "nearest"}
     image = axes.imshow(

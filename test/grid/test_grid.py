@@ -50,6 +50,17 @@ def test_reading_any_area_gives_what_a_dense_array_has(iy, ix, rows, columns):
     np.testing.assert_array_equal(tiled.read(Area(iy, ix, rows, columns)), expected)
 
 
+def test_metres_are_exact_in_double_precision_and_nan_where_unknown():
+    height = np.array([[-32700, 7, 29, 32700]], np.int16)
+    probability = np.array([[65535, 32768, 32767, 40000]], np.uint16)
+    geometry = Geometry(resolution=0.5, origin=(0.0, 0.0), shape=(1, 4))
+    shown = HeightMap(
+        geometry=geometry, height=height, probability=probability, probability_threshold=0.5
+    )
+    assert shown.metres.dtype == np.float64
+    np.testing.assert_array_equal(shown.metres, [[-327.0, 7 * 0.01, np.nan, 327.0]])
+
+
 def test_writing_half_a_tile_is_misuse():
     with pytest.raises(ValueError, match="whole tiles"):
         TiledArray((2, 2), np.int16).write(Area(0, 8, 16, 16), np.zeros((16, 16), np.int16))

@@ -68,7 +68,7 @@ def test_one_is_always_mature_once_the_first_is():
     for step in range(200):
         x = 0.05 * step
         maps.integrate(fan(x, wall=x + 3.0), at(x), step * 10**8)
-        if maps.way >= PARAMS.short_term.mature_way:
+        if maps.way >= PARAMS.short_term.mature_distance:
             mature = maps.mature()
             assert mature is not None
             oldest.append(maps.way - mature.way)

@@ -6,7 +6,7 @@ import yaml
 from repository import ROOT
 
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.params.by_name import flatten, with_values
+from heightmap25d_ros.params.by_name import RENAMED, flatten, with_values
 from heightmap25d_ros.params.files import as_markdown, as_yaml, read_yaml
 from heightmap25d_ros.params.sections import Params, SensorParams
 
@@ -131,3 +131,35 @@ def test_the_generated_yaml_holds_every_parameter():
     document = yaml.safe_load(as_yaml(Params()).replace("# mounts:", "mounts:"))
     document = document["/**"]["ros__parameters"]
     assert set(dotted(document)) == set(flatten(Params()))
+
+
+def test_every_renamed_parameter_has_a_present_name_that_exists():
+    assert not RENAMED.keys() & flatten(Params()).keys()
+    assert set(RENAMED.values()) <= flatten(Params()).keys()
+
+
+def test_an_old_name_sets_the_parameter_and_warns_of_both_names_in_one_line():
+    message = "short_term.mature_way: .* short_term.mature_distance"
+    with pytest.warns(FutureWarning, match=message) as warned:
+        params = with_values(Params(), {"short_term.mature_way": 1})
+    assert params.short_term.mature_distance == 1.0
+    assert ["\n" in str(warning.message) for warning in warned] == [False]
+
+
+def test_an_old_name_in_a_parameter_file_sets_the_parameter_and_warns(tmp_path):
+    path = tmp_path / "p.yaml"
+    path.write_text("/**:\n  ros__parameters:\n    short_term: {mature_way: 1.5}\n")
+    with pytest.warns(FutureWarning, match="mature_distance"):
+        params = read_yaml(path, "localization")
+    assert params.short_term.mature_distance == 1.5
+
+
+def test_a_value_of_an_old_name_is_checked_and_both_names_at_once_are_refused():
+    with (
+        pytest.warns(FutureWarning),
+        pytest.raises(InputError, match=r"short_term\.mature_distance: -1 is not within"),
+    ):
+        with_values(Params(), {"short_term.mature_way": -1.0})
+    both = {"short_term.mature_way": 1.0, "short_term.mature_distance": 1.0}
+    with pytest.raises(InputError, match=r"mature_way: is given as short_term\.mature_distance"):
+        with_values(Params(), both)

@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-import doctest
 import time
 from itertools import pairwise
 
@@ -11,7 +10,6 @@ from hypothesis import strategies as st
 from literal_transitions import AROUND, distances, steps_closed
 from small_terrain import SEEDS, drawn, graph, random_cells, random_graph
 
-from heightmap25d_ros.planning import search
 from heightmap25d_ros.planning.search import (
     _SLICE,
     CLOSED,
@@ -59,10 +57,6 @@ def random_incoming(seed):
                 incoming[cell[0] + 1, cell[1] + 1, k] = costs[(*cell, k)]
     goal, start = (tuple(int(side) for side in rng.integers(0, shape)) for _ in range(2))
     return incoming, goal, start
-
-
-def test_examples():
-    assert doctest.testmod(search).failed == 0
 
 
 def test_open_ground():

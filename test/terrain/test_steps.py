@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-import doctest
 
 import numpy as np
 import pytest
@@ -10,7 +9,6 @@ from hypothesis.extra import numpy as arrays
 from literal_traversability import LiteralTerrain
 
 from heightmap25d_ros.grid.height_map import HEIGHT_LIMIT
-from heightmap25d_ros.terrain import steps
 from heightmap25d_ros.terrain.steps import (
     NEIGHBOURS,
     cropped,
@@ -37,10 +35,6 @@ def terrains(draw):
 
 def padded_transitions(height, known, max_step):
     return (cropped(array, 1) for array in transitions(padded_surface(height, known, 1), max_step))
-
-
-def test_examples():
-    assert doctest.testmod(steps).failed == 0
 
 
 @given(terrains())

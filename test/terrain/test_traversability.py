@@ -1,6 +1,5 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-import doctest
 import math
 
 import numpy as np
@@ -14,7 +13,6 @@ from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_grid import TILE, HeightGrid
 from heightmap25d_ros.grid.height_map import HEIGHT_LIMIT, Area, Geometry, HeightMap
 from heightmap25d_ros.params.sections import GridParams, TraversabilityParams
-from heightmap25d_ros.terrain import traversability
 from heightmap25d_ros.terrain.obstacle_grid import ObstacleGrid
 from heightmap25d_ros.terrain.steps import step_obstacles
 from heightmap25d_ros.terrain.traversability import to_obstacle_map
@@ -50,10 +48,6 @@ def positions(side):
 def near(mask):
     """Cells within the robot's radius of those of a mask, by a distance transform."""
     return ndimage.distance_transform_edt(~mask) * CELL <= PARAMS.robot_radius
-
-
-def test_examples():
-    assert doctest.testmod(traversability).failed == 0
 
 
 @given(
