@@ -62,10 +62,9 @@ class ManagedNode(LifecycleNode):
         self.publishers_by_topic: dict[str, Publisher] = {}
         self._diagnostics = Diagnostics(self)
         self._older_than: dict[str, set[Any]] = {}
-        # A transition that is not possible now is refused; it is no failure of the node.
-        change_state = self._service_change_state.callback.__wrapped__
-        self._service_change_state.callback = lambda request, response: _or_refused(
-            change_state, request, response
+        change_state = self._service_change_state.callback
+        self._service_change_state.callback = self._guarded(
+            lambda request, response: _or_refused(change_state, request, response)
         )
 
     def inputs(self) -> list[Input]:
@@ -292,7 +291,7 @@ class ManagedNode(LifecycleNode):
 
 
 def _or_refused(change_state: Callable[[Any, Any], Any], request: Any, response: Any) -> Any:
-    """A requested change of state; rclpy raises where it is not possible now."""
+    """A requested change of state; rclpy raises where it is not possible now, which is refused."""
     try:
         return change_state(request, response)
     except RuntimeError:
