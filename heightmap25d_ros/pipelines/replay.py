@@ -12,7 +12,7 @@ from typing import Any, Generic, Protocol, TypeVar
 
 from tqdm import tqdm
 
-from heightmap25d_ros.io.bag import LASER_SCAN, Bag
+from heightmap25d_ros.io.bag import LASER_SCAN, ODOMETRY, TF_MESSAGE, Bag
 from heightmap25d_ros.params.by_name import with_values
 from heightmap25d_ros.params.sections import Params
 
@@ -75,12 +75,21 @@ def with_scan_topics(settings: Params, bag: Bag, chosen: Sequence[str]) -> Param
 
 
 def replayed(bag: Bag, listener: Listener[_Outcome], odom_topic: str) -> Iterator[Step[_Outcome]]:
-    """Give a bag to a listener: a step for each message, and one for the end."""
+    """Give a bag to a listener: a step for each message, and one for the end.
+
+    Static transforms hold for all times, so those of the whole bag are given first.
+    """
     transform_topics = [topic for topic in ("/tf", "/tf_static") if topic in bag.topics]
+    types = dict.fromkeys(listener.scan_topics, LASER_SCAN) | {odom_topic: ODOMETRY}
+    types |= dict.fromkeys(transform_topics, TF_MESSAGE)
+    static = bag.events(["/tf_static"], types) if "/tf_static" in transform_topics else ()
+    # The first one of a frame comes last: it holds until another one comes in its turn.
+    for event in reversed(list(static)):
+        listener.take_transforms(event.message, is_static=True)
     topics = [*listener.scan_topics, odom_topic, *transform_topics]
     total = sum(bag.topics[topic].count for topic in topics if topic in bag.topics)
     with tqdm(total=total, unit=" messages", unit_scale=True, desc=bag.path.name) as progress:
-        for event in bag.events(topics):
+        for event in bag.events(topics, types):
             began = time.perf_counter()
             if event.topic == odom_topic:
                 outcomes = listener.take_odometry(event.message)
