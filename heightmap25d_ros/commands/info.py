@@ -40,5 +40,10 @@ def _info(options: argparse.Namespace) -> Figures:
         return {
             "bag": str(options.path),
             "duration [s]": round(bag.duration, 3),
-            **{f"{name} ({topic.message_type})": topic.count for name, topic in bag.topics.items()},
+            **{
+                f"{name} ({message_type})": count
+                for name, topic in bag.topics.items()
+                for message_type, count in topic.counts.items()
+            },
+            **({"warnings": bag.warnings} if bag.warnings else {}),
         }

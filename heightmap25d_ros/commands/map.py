@@ -71,6 +71,8 @@ def _map(options: argparse.Namespace) -> Figures:
         "merged": dict(mapping.merged),
         "dropped": dict(mapping.dropped),
         "damaged": dict(bag.damaged),
+        "other types": dict(bag.other_types),
+        "warnings": bag.warnings,
         **cell_counts(height_map, obstacle_map),
         "seconds": round(seconds, 3),
         "x real time": round(duration / seconds, 1),

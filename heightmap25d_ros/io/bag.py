@@ -1,26 +1,41 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Recorded bags: rosbag2 directories, or one of their files, as events in order of time."""
+"""Recorded bags: rosbag2 directories, or one of their files, as events in order of time.
+
+Nothing is lost in silence: what cannot be read is counted, logged as a warning, or an error.
+"""
 
 from __future__ import annotations
 
+import heapq
+import logging
 from collections import Counter
-from collections.abc import Collection, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from itertools import chain, pairwise
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
 
-from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinitionFormat, Qos
-from rosbags.rosbag2 import Reader
+from rosbags.interfaces import Connection
 from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, get_typestore
 
 from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.io._bag_files import open_files
+from heightmap25d_ros.io._definitions import learn
+from heightmap25d_ros.io._topics import (
+    LASER_SCAN,
+    ODOMETRY,
+    TF_MESSAGE,
+    Topic,
+    topic_of,
+    type_of,
+)
 
-LASER_SCAN = "sensor_msgs/msg/LaserScan"
-ODOMETRY = "nav_msgs/msg/Odometry"
+__all__ = ["LASER_SCAN", "ODOMETRY", "TF_MESSAGE", "Bag", "Event", "RawEvent", "Topic"]
+
+_log = logging.getLogger(__name__)
 
 
 class Event(NamedTuple):
@@ -40,22 +55,15 @@ class RawEvent(NamedTuple):
     data: bytes
 
 
-@dataclass(frozen=True, slots=True)
-class Topic:
-    """What a bag says of one of its topics; no profiles where it says nothing of them."""
-
-    message_type: str
-    count: int
-    profiles: tuple[Qos, ...]
-
-
 class Bag:
-    """A rosbag2, sqlite3 or mcap, compressed or not; a context manager.
+    """A rosbag2, sqlite3 or mcap, compressed or not, or a ROS 1 bag; a context manager.
+
+    An unfinished or damaged bag is read as far as it goes, with a warning.
 
     Parameters
     ----------
     path : Path
-        Its directory, or a single .db3 or .mcap file.
+        Its directory, or a single .db3, .mcap or .bag file.
 
     Attributes
     ----------
@@ -63,37 +71,50 @@ class Bag:
     start_ns, end_ns : int [ns]
         When the first and the last message were recorded.
     damaged : Counter of topic name
-        Messages skipped by `events` since their bytes do not make a message.
+        Messages skipped when it was last read, since their bytes do not make a message.
+    other_types : Counter of "topic (type)"
+        Messages that were not read since their topic was read as another type.
+    warnings : list of str
+        What could not be read as recorded, a line each; logged as well.
 
     Raises
     ------
     InputError
-        If it does not exist, is damaged or holds no message.
+        If it does not exist, nothing in it can be read, or it holds no message.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.damaged: Counter[str] = Counter()
+        self.other_types: Counter[str] = Counter()
+        self.warnings: list[str] = []
         self._store = get_typestore(Stores.ROS2_JAZZY)
-        with self._naming_the_path():
-            if path.is_dir() and not (path / "metadata.yaml").exists():
-                raise InputError(f"{path}: no metadata.yaml in it; give its .mcap or .db3 file")
-            self._reader = Reader(path)
-            self._reader.open()
-        self._connections: dict[str, list[Connection]] = {}
-        for connection in sorted(self._reader.connections, key=lambda c: c.topic):
-            same_topic = self._connections.setdefault(connection.topic, [])
-            if not same_topic or same_topic[0].msgtype == connection.msgtype:
-                same_topic.append(connection)
-        self.topics = {name: _topic(same) for name, same in self._connections.items()}
-        if not self._reader.message_count:
+        self._stack = ExitStack()
+        try:
+            with self._naming_the_path():
+                self._open()
+        except BaseException:
             self.close()
-            raise InputError(f"{path}: holds no messages")
-        self.start_ns, self.end_ns = self._reader.start_time, self._reader.end_time - 1
+            raise
+
+    def _open(self) -> None:
+        self._storages, listed = open_files(self.path, self._store, self._stack, self._warn)
+        self._connections: dict[str, list[Connection]] = {}
+        stored = [of for storage in self._storages for of in storage.connections]
+        known = {(of.topic, type_of(of)) for of in stored}
+        # Of topics without messages only metadata.yaml tells.
+        stored += [of._replace(msgcount=0) for of in listed if (of.topic, type_of(of)) not in known]
+        for connection in sorted(stored, key=lambda of: of.topic):
+            self._connections.setdefault(connection.topic, []).append(connection)
+        self.topics = {name: topic_of(same) for name, same in self._connections.items()}
+        if not any(storage.message_count for storage in self._storages):
+            raise InputError(f"{self.path}: holds no messages")
+        self.start_ns = min(storage.start_time for storage in self._storages)
+        self.end_ns = max(storage.end_time for storage in self._storages) - 1
 
     def close(self) -> None:
         """Close the files."""
-        self._reader.close()
+        self._stack.close()
 
     def __enter__(self) -> Bag:
         return self
@@ -115,21 +136,25 @@ class Bag:
         """Topics with at least one message of a type."""
         return [
             name
-            for name, topic in self.topics.items()
-            if topic.message_type == message_type and topic.count
+            for name, same in self._connections.items()
+            if any(of.msgcount for of in same if type_of(of) == message_type)
         ]
 
     def require(self, topic: str, message_type: str) -> None:
-        """Refuse a topic that is not there or is of another type.
+        """Refuse a topic that is not there or is of another type; warn if it has no messages.
 
         Raises
         ------
         InputError
             With the topics that there are.
         """
-        found = self._of_topic(topic)[0].msgtype
-        if found != message_type:
-            raise InputError(f"{self.path}: {topic} is a {found}, not a {message_type}")
+        types = list(dict.fromkeys(map(type_of, self._of_topic(topic))))
+        if message_type not in types:
+            raise InputError(
+                f"{self.path}: {topic} is a {' and a '.join(types)}, not a {message_type}"
+            )
+        if topic not in self.topics_of(message_type):
+            self._warn(f"{self.path}: {topic} ({message_type}) holds no messages")
 
     def scan_topics(self) -> list[str]:
         """All LaserScan topics.
@@ -141,7 +166,7 @@ class Bag:
         """
         found = self.topics_of(LASER_SCAN)
         if not found:
-            raise InputError(f"{self.path}: no topic of type {LASER_SCAN}")
+            raise self._without(LASER_SCAN)
         return found
 
     def odometry_topic(self) -> str:
@@ -162,76 +187,134 @@ class Bag:
                 return candidates[0]
         if found:
             raise InputError(f"{self.path}: name the odometry's topic, one of {', '.join(found)}")
-        raise InputError(f"{self.path}: no topic of type {ODOMETRY}")
+        raise self._without(ODOMETRY)
 
-    def events(self, topics: Collection[str]) -> Iterator[Event]:
+    def events(
+        self, topics: Collection[str], types: Mapping[str, str] | None = None
+    ) -> Iterator[Event]:
         """The messages of some topics, decoded, in order of time.
 
         A message whose bytes are damaged is skipped and counted in ``damaged``.
+
+        Parameters
+        ----------
+        topics : collection of str
+        types : dict of topic name to message type, optional
+            What to read a topic as, if not as its ``Topic.message_type``. Messages of other types
+            on a topic are counted in ``other_types``.
 
         Raises
         ------
         InputError
             If the bag lacks a topic, a type is not known, or the file is damaged.
         """
-        types = {name: self._known_type(name) for name in topics}
-        for topic, stamp_ns, data in self.raw_events(topics):
+        read_as = self._read_as(topics, types)
+        with self._naming_the_path():
+            for name, message_type in read_as.items():
+                learn(self._store, message_type, self._of_topic(name))
+        for topic, stamp_ns, data in self._raw_events(read_as):
             try:
-                message = self._store.deserialize_cdr(data, types[topic])
+                message = self._store.deserialize_cdr(data, read_as[topic])
             except SerdeError:
                 self.damaged[topic] += 1
                 continue
-            yield Event(topic, types[topic], stamp_ns, message)
+            yield Event(topic, read_as[topic], stamp_ns, message)
+        for topic in read_as:
+            if self.damaged[topic]:
+                count = self.damaged[topic]
+                self._warn(f"{self.path}: {topic}: {count} damaged messages are skipped")
 
     def raw_events(
         self, topics: Collection[str], start_ns: int | None = None, stop_ns: int | None = None
     ) -> Iterator[RawEvent]:
-        """The messages of some topics as bytes, in order of time, from start to before stop."""
-        connections = [c for name in topics for c in self._of_topic(name)]
-        if not connections:
-            return
+        """The messages of some topics as bytes, in order of time, from start to before stop.
+
+        Each topic as its ``Topic.message_type``; what is not read is counted as by `events`.
+        """
+        return self._raw_events(self._read_as(topics), start_ns, stop_ns)
+
+    def _raw_events(
+        self, read_as: Mapping[str, str], start_ns: int | None = None, stop_ns: int | None = None
+    ) -> Iterator[RawEvent]:
+        for name in read_as:
+            self.damaged.pop(name, None)
+        wanted = {
+            id(of)
+            for name, message_type in read_as.items()
+            for of in self._of_topic(name)
+            if type_of(of) == message_type or self._note_other(of, message_type)
+        }
+        parts = [
+            storage.messages(connections, start_ns, stop_ns)
+            for storage in self._storages
+            if (connections := [of for of in storage.connections if id(of) in wanted])
+        ]
+        in_turn = all(one.end_time <= other.start_time for one, other in pairwise(self._storages))
+        merged = chain.from_iterable(parts) if in_turn else heapq.merge(*parts, key=_stamp)
         with self._naming_the_path():
-            for connection, stamp_ns, data in self._reader.messages(
-                connections, start=start_ns, stop=stop_ns
-            ):
+            for connection, stamp_ns, data in merged:
+                if not data:
+                    self.damaged[connection.topic] += 1
+                    continue
                 yield RawEvent(connection.topic, stamp_ns, data)
+
+    def _read_as(
+        self, topics: Collection[str], types: Mapping[str, str] | None = None
+    ) -> dict[str, str]:
+        """The type that each topic is read as."""
+        for name in topics:
+            self._of_topic(name)
+        return {name: (types or {}).get(name, self.topics[name].message_type) for name in topics}
+
+    def _note_other(self, connection: Connection, message_type: str) -> bool:
+        """Count the messages of a type that is not read; always false."""
+        if connection.msgcount:
+            other = type_of(connection)
+            count = sum(
+                of.msgcount for of in self._of_topic(connection.topic) if type_of(of) == other
+            )
+            self.other_types[f"{connection.topic} ({other})"] = count
+            self._warn(
+                f"{self.path}: {connection.topic}: {count} messages of type {other} are not read, "
+                f"only those of type {message_type}"
+            )
+        return False
 
     def _of_topic(self, name: str) -> list[Connection]:
         if name not in self._connections:
             raise InputError(f"{self.path}: no topic {name}; it has {', '.join(self.topics)}")
         return self._connections[name]
 
-    def _known_type(self, topic: str) -> str:
-        """The topic's type, learnt from the bag's own definition where ROS does not bring it."""
-        connection = self._of_topic(topic)[0]
-        name, definition = connection.msgtype, connection.msgdef
-        known = self._store.fielddefs
-        if name not in known:
-            if definition.format is not MessageDefinitionFormat.MSG:
-                raise InputError(f"{self.path}: {topic}: type {name} is not known")
-            with self._naming_the_path():
-                types = get_types_from_msg(definition.data, name)
-                self._store.register({name: of for name, of in types.items() if name not in known})
-        return name
+    def _without(self, message_type: str) -> InputError:
+        """What to say where no topic has messages of a type."""
+        silent = [
+            name for name, same in self._connections.items() if message_type in map(type_of, same)
+        ]
+        if silent:
+            return InputError(
+                f"{self.path}: {', '.join(silent)} ({message_type}) holds no messages"
+            )
+        return InputError(f"{self.path}: no topic of type {message_type}")
+
+    def _warn(self, line: str) -> None:
+        """Log a line, once."""
+        if line not in self.warnings:
+            self.warnings.append(line)
+            _log.warning(line)
 
     @contextmanager
     def _naming_the_path(self) -> Iterator[None]:
         """Whatever the readers of damaged files raise is bad input, told in one line."""
         try:
             yield
-        except InputError:
-            raise
+        except InputError as error:
+            if str(self.path) in str(error):
+                raise
+            raise InputError(f"{self.path}: {error}") from None
         except Exception as error:
             reason = " ".join(str(error).split())
             raise InputError(f"{self.path}: {reason} ({type(error).__name__})") from None
 
 
-def _topic(connections: list[Connection]) -> Topic:
-    profiles = [
-        profile
-        for connection in connections
-        if isinstance(connection.ext, ConnectionExtRosbag2)
-        for profile in connection.ext.offered_qos_profiles
-    ]
-    count = sum(connection.msgcount for connection in connections)
-    return Topic(connections[0].msgtype, count, tuple(profiles))
+def _stamp(message: tuple[Connection, int, bytes]) -> int:
+    return message[1]

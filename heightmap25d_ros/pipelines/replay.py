@@ -11,7 +11,7 @@ from typing import Any, Generic, Protocol, TypeVar
 
 from tqdm import tqdm
 
-from heightmap25d_ros.io.bag import LASER_SCAN, Bag
+from heightmap25d_ros.io.bag import LASER_SCAN, ODOMETRY, TF_MESSAGE, Bag
 from heightmap25d_ros.params.by_name import with_values
 from heightmap25d_ros.params.sections import Params
 
@@ -92,14 +92,23 @@ def with_scan_topics(settings: Params, bag: Bag, chosen: Sequence[str]) -> Param
 
 
 def replayed(bag: Bag, pipeline: Pipeline[_Outcome], odom_topic: str) -> Iterator[Step[_Outcome]]:
-    """Feed a bag to a pipeline: a step for each message, and one for the end."""
+    """Feed a bag to a pipeline: a step for each message, and one for the end.
+
+    Static transforms hold for all times, so those of the whole bag are fed first.
+    """
     transforms = [topic for topic in (TRANSFORMS, STATIC_TRANSFORMS) if topic in bag.topics]
+    types = dict.fromkeys(pipeline.scan_topics, LASER_SCAN) | {odom_topic: ODOMETRY}
+    types |= dict.fromkeys(transforms, TF_MESSAGE)
+    static = bag.events([STATIC_TRANSFORMS], types) if STATIC_TRANSFORMS in transforms else ()
+    # The first one of a frame comes last: it holds until another one comes in its turn.
+    for event in reversed(list(static)):
+        feed(pipeline, event.topic, event.message, odom_topic)
     topics = [*pipeline.scan_topics, odom_topic, *transforms]
     total = sum(bag.topics[topic].count for topic in topics if topic in bag.topics)
     with tqdm(
         total=total, unit=" messages", unit_scale=True, desc=bag.path.name, disable=None
     ) as progress:
-        for event in bag.events(topics):
+        for event in bag.events(topics, types):
             began = time.perf_counter()
             outcomes = feed(pipeline, event.topic, event.message, odom_topic)
             yield Step(event.topic, 1e3 * (time.perf_counter() - began), outcomes)
