@@ -7,6 +7,7 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 NAME = "heightmap25d_ros"
+NODES = ("driver", "localization", "mapping", "markers", "planning", "replay", "simulator")
 
 
 def shared(folder: str) -> tuple[str, list[str]]:
@@ -40,14 +41,8 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            "driver = heightmap25d_ros.nodes.driver:main",
             "heightmap25d = heightmap25d_ros.cli:main",
-            "localization = heightmap25d_ros.nodes.localization:main",
-            "mapping = heightmap25d_ros.nodes.mapping:main",
-            "markers = heightmap25d_ros.nodes.markers:main",
-            "planning = heightmap25d_ros.nodes.planning:main",
-            "replay = heightmap25d_ros.nodes.replay:main",
-            "simulator = heightmap25d_ros.nodes.simulator:main",
+            *(f"{node} = heightmap25d_ros.executables:main" for node in NODES),
         ],
     },
 )

@@ -28,7 +28,7 @@ STOREYS = [
     ["errors", "arrays", "kernels", "se3", "params", "grid"],
     ["mapping", "terrain", "planning", "localization"],
     ["io", "viz", "evaluation", "pipelines"],
-    ["simulation", "commands", "cli", "nodes"],
+    ["simulation", "commands", "cli", "nodes", "executables"],
 ]
 ROOMS = [room for storey in STOREYS for room in storey]
 

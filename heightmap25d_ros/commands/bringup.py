@@ -34,7 +34,7 @@ ARGUMENTS = {
 REMAPPINGS = (("/tf", "tf"), ("/tf_static", "tf_static"))
 """In a namespace transforms are the namespace's own, so that several robots do not mix."""
 
-# A node that was not up yet when it was told to end is ended by the signal itself.
+# A node whose interpreter has just begun is ended by the signal itself.
 _GOOD_ENDINGS = (0, -signal.SIGINT)
 _PATIENCE = 5.0  # [s] for the nodes to end; saving a large map takes a while
 
@@ -118,7 +118,7 @@ def _started(name: str, options: argparse.Namespace) -> subprocess.Popen[bytes]:
         arguments += ["--params-file", str(options.params)]
         for parameter, value in values.items():
             arguments += ["-p", f"{parameter}:={json.dumps(value)}"]
-    command = [sys.executable, "-m", f"heightmap25d_ros.nodes.{name}", "--ros-args", *arguments]
+    command = [sys.executable, "-m", "heightmap25d_ros.executables", name, "--ros-args", *arguments]
     return subprocess.Popen(command, start_new_session=True)
 
 

@@ -165,7 +165,9 @@ class ManagedNode(LifecycleNode):
         fault = self._tried(self._activate)
         if fault is not None:
             super().on_deactivate(state)
-        return fault or TransitionCallbackReturn.SUCCESS
+            return fault
+        self.get_logger().info("active")
+        return TransitionCallbackReturn.SUCCESS
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Inactive afterwards."""

@@ -185,7 +185,11 @@ class LocalizationNode(ManagedNode):
             message.ratio = found.ratio
         self.publish("~/status", message)
         if state is not self._state:
-            self.get_logger().warning(f"{self._state.name} -> {state.name}; {message.reason}")
+            change = f"{self._state.name} -> {state.name}; {message.reason}"
+            if state < self._state:  # for the better
+                self.get_logger().info(change)
+            else:
+                self.get_logger().warning(change)
             self._state = state
 
     def _relocalize(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

@@ -23,9 +23,10 @@ from heightmap25d_msgs.srv import LoadMap, SaveMap
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.io import encode, map_directory
-from heightmap25d_ros.nodes import qos, runtime
+from heightmap25d_ros.nodes import map_transform, qos, runtime
 from heightmap25d_ros.nodes.interface import Input, Output, Service
 from heightmap25d_ros.nodes.lifecycle import REPORT_PERIOD, ManagedNode
+from heightmap25d_ros.nodes.map_transform import MapTransform
 from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.mapping import Mapping, compile_kernels
 from heightmap25d_ros.pipelines.scan_queue import Reading
@@ -76,8 +77,10 @@ class MappingNode(ManagedNode):
         ]  # fmt: skip
 
     def outputs(self) -> list[Output]:
-        """The maps."""
-        return [Output(kind, topic, qos.LATCHED) for topic, kind in _MAPS.items()]
+        """The maps, and map -> odom where nobody else publishes it."""
+        maps = [Output(kind, topic, qos.LATCHED) for topic, kind in _MAPS.items()]
+        is_wanted = self.params.mapping.publish_transform
+        return [*maps, *([Output(TFMessage, "/tf", qos.POSES)] if is_wanted else [])]
 
     def offered_services(self) -> list[Service]:
         """What is asked of the map."""
@@ -109,6 +112,12 @@ class MappingNode(ManagedNode):
 
     def start(self) -> None:
         """Start publishing, by the wall clock."""
+        self._start_publishing()
+        self._transform = MapTransform(self._frame)
+        if self.params.mapping.publish_transform:
+            self.create_wall_timer(map_transform.PERIOD, self._publish_transform)
+
+    def _start_publishing(self) -> None:
         period = 1.0 / self.params.mapping.publish_rate
         self._publish_timer = self.create_wall_timer(period, self._publish)
 
@@ -118,7 +127,7 @@ class MappingNode(ManagedNode):
         self._published.clear()
         if self.is_active:
             self.destroy_timer(self._publish_timer)
-            self.start()
+            self._start_publishing()
 
     def finish(self) -> None:
         """Save the map under the name ``autosave``, where there is one and it is not saved."""
@@ -152,6 +161,7 @@ class MappingNode(ManagedNode):
         self._count(self._mapping.take_odometry(message))
 
     def _on_transforms(self, message: TFMessage) -> None:
+        self._transform.observe(message)
         self._count(self._mapping.take_transforms(message, is_static=False))
 
     def _on_static_transforms(self, message: TFMessage) -> None:
@@ -162,6 +172,16 @@ class MappingNode(ManagedNode):
         if merged:
             late_ns = self.get_clock().now().nanoseconds - merged[0].scan.stamp_ns
             self._latency_ms = max(self._latency_ms, late_ns * 1e-6)
+
+    def _publish_transform(self) -> None:
+        odometry = self._mapping.odometry
+        if odometry is None or self.count_publishers("localization/status"):
+            return
+        message = self._transform.next(
+            odometry.stamp_ns, odometry.frame_id, self._mapping.T_map_odom
+        )
+        if message is not None:
+            self.publish("/tf", message)
 
     def _publish(self) -> None:
         due = [
@@ -253,6 +273,7 @@ class MappingNode(ManagedNode):
             return response
         self._version += 1
         response.success = True
+        self.get_logger().info("map cleared")
         return response
 
     def _get_map(self, _: GetMap.Request, response: GetMap.Response) -> GetMap.Response:

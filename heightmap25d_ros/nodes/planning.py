@@ -118,7 +118,10 @@ class PlanningNode(ManagedNode):
         status.header = path.header
         self.publish("~/status", status)
         self._unshown = plan
-        if not plan.found:
+        if plan.found:
+            milliseconds = 1e3 * plan.seconds
+            self.get_logger().info(f"path of {plan.length:.1f} m found in {milliseconds:.0f} ms")
+        else:
             self.get_logger().warning(f"no path: {plan.reason}")
 
     def _publish_field(self) -> None:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 from collections.abc import Callable
@@ -63,10 +64,8 @@ def run(make_node: Callable[[], Node], arguments: list[str] | None = None) -> in
         node = _made(make_node)
         if isinstance(node, ManagedNode):
             node.begin()
-        interruption.raises = False
+        interruption.is_starting = False
         _spin(node, interruption)
-    except KeyboardInterrupt:
-        pass
     except (InputError, ParameterException, NameValidationException) as error:
         reason = " ".join(str(error).split())
         print(f"error: {reason}", file=sys.stderr)
@@ -90,20 +89,20 @@ def ignore_signals() -> None:
 class _Interruption:
     """Whether Ctrl-C or SIGTERM has come.
 
-    While a node begins, which may take a while, it is an exception as well. Not later: out of
-    nowhere, an exception aborts the executor.
+    While a node starts, which may take a while and leaves nothing to save, they end the process.
+    Not by an exception, which would get lost in a callback of C code, or abort the executor.
     """
 
     def __init__(self) -> None:
         self.has_come = False
-        self.raises = True
+        self.is_starting = True
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._come)
 
     def _come(self, signal_number: int, frame: FrameType | None) -> None:
         self.has_come = True
-        if self.raises:
-            raise KeyboardInterrupt
+        if self.is_starting:
+            os._exit(0)
 
 
 def _spin(node: Node, interruption: _Interruption) -> None:

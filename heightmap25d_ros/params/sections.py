@@ -258,6 +258,9 @@ class MappingParams(Section):
         "sees; readings replace it; 0: no such ground", "m",
         low=0.0, high=10.0,
     )  # fmt: skip
+    publish_transform: bool = parameter(
+        True, "whether map -> odom is published on /tf while nobody else publishes it"
+    )
     max_cells: float = parameter(
         32e6, "a map whose bounding box has more cells is neither published nor saved",
         low=256, high=1e9,

@@ -15,6 +15,7 @@ from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_grid import TILE, HeightGrid
 from heightmap25d_ros.grid.height_map import Area, HeightMap
 from heightmap25d_ros.io import decode
+from heightmap25d_ros.io.decode import Odometry
 from heightmap25d_ros.mapping import sensor_model
 from heightmap25d_ros.mapping.mapper import Mapper
 from heightmap25d_ros.params.sections import Params
@@ -111,6 +112,16 @@ class Mapping:
     def scan_topics(self) -> tuple[str, ...]:
         """The topics that `take_scan` knows."""
         return self._params.intake.scan_topics
+
+    @property
+    def odometry(self) -> Odometry | None:
+        """The newest pose of the robot in its odometry's frame."""
+        return self._queue.odometry
+
+    @property
+    def T_map_odom(self) -> se3.Matrix:
+        """Pose (4, 4) of the odometry's frame in the map."""
+        return self._queue.T_map_odom
 
     def take_scan(self, topic: str, message: Any) -> list[Reading]:
         """Take a sensor_msgs/LaserScan of one of ``intake.scan_topics`` in."""

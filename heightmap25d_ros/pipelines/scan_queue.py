@@ -133,6 +133,11 @@ class ScanQueue:
         transforms = self.dropped.decoded("transforms", decode.transforms, message)
         return [] if transforms is None else self.add_transforms(transforms, is_static=is_static)
 
+    @property
+    def T_map_odom(self) -> se3.Matrix:
+        """Pose (4, 4) of the odometry's frame in the map."""
+        return self._T_map_odom
+
     def set_correction(self, T_map_odom: se3.Matrix) -> None:
         """Pose (4, 4) of the odometry's frame in the map, for all scans released from now on."""
         self._T_map_odom = T_map_odom
