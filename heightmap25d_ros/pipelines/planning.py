@@ -267,7 +267,7 @@ class Planning:
         iy, ix = graph.geometry.cell_at(place)
         if not graph.geometry.contains((iy, ix)) or field[iy, ix] == UNREACHABLE:
             return None
-        way = field.way((int(iy), int(ix)))
+        way = field.cheapest_path((int(iy), int(ix)))
         ahead = way[min(len(way) - 1, round(AHEAD / graph.geometry.resolution))]
         step = ahead - (iy, ix)
         return math.atan2(*step) if step.any() else None
