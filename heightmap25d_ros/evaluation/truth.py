@@ -47,7 +47,7 @@ def truth_file(path: Path, fault: str) -> Iterator[Any]:
     Raises
     ------
     InputError
-        If the file cannot be read, or has other content: ``fault`` says so.
+        If the file cannot be read, or has other content (described by ``fault``).
     """
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
