@@ -52,7 +52,7 @@ class MapTransform:
     def next(self, stamp_ns: int, odom_frame: str, T_map_odom: se3.Matrix) -> Any:
         """A TFMessage with the pose (4, 4) of odom in the map.
 
-        None where others publish it, where odometry is in the map's frame, and without new odometry.
+        None where others publish it, odometry is in the map's frame, or there is no new odometry.
         """
         is_known = odom_frame == self._map_frame or stamp_ns == self._newest_ns
         if is_known or time.monotonic() - self._silent_since < SILENCE:
