@@ -295,8 +295,10 @@ def _unpacked(data: Bytes, start: int, stop: int) -> tuple[bytes, str]:
     records = _decompressed(packed, compression)
     if records is None:
         return b"", f"a chunk of unknown compression {compression!r}"
-    if stop > len(data) or len(records) < size:
+    if stop > len(data):
         return records, "a chunk that is cut off"
+    if len(records) < size:
+        return records, "a damaged chunk"
     if checksum and crc32(records) != checksum:
         return b"", "a damaged chunk (checksum)"
     return records, ""

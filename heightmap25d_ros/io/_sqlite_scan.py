@@ -54,15 +54,30 @@ def with_journal(path: Path, directory: Path, warn: Callable[[str], None]) -> Pa
             shutil.copyfile(file, directory / file.name)
         with closing(sqlite3.connect(copy)) as database:
             database.execute("SELECT count(*) FROM sqlite_master").fetchone()  # rolls back
-            _, frames, _ = database.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
+            # Closing it as the only one merges the log for good.
+            _, frames, _ = database.execute("PRAGMA wal_checkpoint(FULL)").fetchone()
     except (OSError, sqlite3.Error) as error:
         raise InputError(
             f"{path}: {names} beside it cannot be merged in a copy ({error}); "
             f"sqlite3 {path.name} 'PRAGMA wal_checkpoint(TRUNCATE)' merges it"
         ) from None
-    if names.endswith(WRITE_AHEAD_LOG) and frames < 0:
+    if frames <= 0 and any(file.name.endswith(WRITE_AHEAD_LOG) for file in journals(path)):
         warn(f"{path}: {names} does not belong to it or is damaged; it is not read")
     return copy
+
+
+def missing_bytes(path: Path) -> int:
+    """How many bytes a database lacks of what its header says; sqlite reads them as zeros."""
+    with path.open("rb") as file:
+        header = file.read(100)
+    if len(header) < 100:
+        return 100 - len(header)
+    page_size = int.from_bytes(header[16:18], "big")
+    pages = int.from_bytes(header[28:32], "big")
+    changes, pages_known_at = header[24:28], header[92:96]
+    if changes != pages_known_at:  # of an sqlite that does not write the number of pages
+        return 0
+    return max(0, pages * (65536 if page_size == 1 else page_size) - path.stat().st_size)
 
 
 class _Row(NamedTuple):
@@ -97,7 +112,8 @@ class SqliteScan:
     """
 
     def __init__(self, path: Path) -> None:
-        self.problems: list[str] = []
+        missing = missing_bytes(path)
+        self.problems = [f"its last {missing} bytes are missing"] if missing else []
         self._database = sqlite3.connect(f"file:{quote(str(path))}?mode=ro&immutable=1", uri=True)
         try:
             # A file that is shorter than its header says is read all the same.

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from itertools import islice
 from pathlib import Path
 from typing import Any, Protocol
@@ -28,7 +28,7 @@ from rosbags.typesys.store import Typestore
 
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.io._mcap_scan import McapScan
-from heightmap25d_ros.io._sqlite_scan import SqliteScan
+from heightmap25d_ros.io._sqlite_scan import SqliteScan, missing_bytes
 
 if sys.version_info >= (3, 14):
     from compression import zstd
@@ -125,6 +125,8 @@ class Rosbag2File:
         self._scan: McapScan | SqliteScan | None = None
         self._source: Storage
         try:
+            if path.suffix == ".db3" and missing_bytes(path):
+                raise InputError("cut off")
             reader = Rosbag2Reader(path)
             reader.open()
         except Exception as error:
@@ -179,7 +181,7 @@ class Rosbag2File:
             scan = SCANS[suffix](self._path)
         except Exception:  # whatever the reader of a damaged file raises
             raise InputError(f"{self._name}: {reason}; {repair}") from None
-        problems = "; ".join(scan.problems[:3]) or reason
+        problems = _listed(scan.problems) or "its index cannot be used"
         if not scan.message_count:
             scan.close()
             raise InputError(f"{self._name}: no message can be read ({problems}); {repair}")
@@ -263,6 +265,12 @@ class Rosbag1File:
         is_latching = isinstance(connection.ext, ConnectionExtRosbag1) and connection.ext.latching
         extension = ConnectionExtRosbag2("cdr", [_LATCHED] if is_latching else [])
         return connection._replace(msgtype=name, ext=extension)
+
+
+def _listed(problems: Sequence[str]) -> str:
+    """The first few problems in a line."""
+    more = [f"{len(problems) - 3} more"] if len(problems) > 3 else []
+    return "; ".join([*problems[:3], *more])
 
 
 def _is_indexed(reader: Rosbag2Reader) -> bool:

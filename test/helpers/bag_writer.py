@@ -137,22 +137,29 @@ def write_bag(
     storage: StoragePlugin = StoragePlugin.SQLITE3,
     compression: CompressionMode = CompressionMode.NONE,
     profiles: Mapping[str, Qos] | None = None,
+    silent: Mapping[str, str] | None = None,
 ) -> Path:
-    """Write (topic, stamp [ns], message) events; a message may be (type name, raw bytes)."""
+    """Write (topic, stamp [ns], message) events; a message may be (type name, raw bytes).
+
+    Topics without messages are given with their types.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
     writer = Writer(path, version=9, storage_plugin=storage)
     writer.set_compression(compression, CompressionFormat.ZSTD)
     with writer:
-        connections: dict[str, Any] = {}
+        for topic, name in (silent or {}).items():
+            writer.add_connection(topic, name, typestore=STORE)
+        connections: dict[tuple[str, str], Any] = {}
         for topic, stamp_ns, message in events:
             name, raw = message if isinstance(message, tuple) else (message.__msgtype__, None)
-            if topic not in connections:
+            if (topic, name) not in connections:
                 profile = (profiles or {}).get(topic)
-                connections[topic] = writer.add_connection(
+                connections[topic, name] = writer.add_connection(
                     topic,
                     name,
                     typestore=STORE,
                     offered_qos_profiles=[profile] if profile else [],
                 )
             data = STORE.serialize_cdr(message, name) if raw is None else raw
-            writer.write(connections[topic], stamp_ns, data)
+            writer.write(connections[topic, name], stamp_ns, data)
     return path

@@ -197,6 +197,15 @@ def error_of(path, topics=("/scan", "/odom")):
     return message
 
 
+def warnings_of(path, count, topics=("/scan", "/odom")):
+    """The warnings of a bag of which so many messages can be read, each a line."""
+    with Bag(path) as bag:
+        stamps = [event.stamp_ns for event in bag.events(topics)]
+        assert (len(stamps), sorted(stamps)) == (count, stamps)
+        assert not any("\n" in line for line in bag.warnings)
+        return bag.warnings
+
+
 def test_what_does_not_exist(tmp_path):
     assert "does not exist" in error_of(tmp_path / "nothing")
 
@@ -224,20 +233,36 @@ def test_a_bag_whose_file_is_missing(sound_bag, tmp_path):
 
 
 @pytest.mark.parametrize("text", ["", "a: [", "rosbag2_bagfile_information: 3", "\x00"])
-def test_a_bag_with_bad_metadata(sound_bag, tmp_path, text):
+def test_a_bag_with_bad_metadata_is_read_without(sound_bag, tmp_path, text):
     shutil.copytree(sound_bag, tmp_path / "bag")
     (tmp_path / "bag" / "metadata.yaml").write_text(text)
-    error_of(tmp_path / "bag")
+    (warning,) = warnings_of(tmp_path / "bag", 60)
+    assert str(tmp_path / "bag" / "metadata.yaml") in warning
+    assert "`ros2 bag reindex`" in warning
 
 
 @pytest.mark.parametrize(("storage", "compression"), STORAGES)
 @pytest.mark.parametrize("part", [0.0, 0.05, 0.5, 0.95])
-def test_a_truncated_bag(tmp_path, storage, compression, part):
+def test_a_truncated_bag_is_read_as_far_as_it_goes(tmp_path, storage, compression, part):
     path = write_bag(tmp_path / "bag", small_drive(), storage=storage, compression=compression)
     (file,) = (file for file in path.iterdir() if file.name != "metadata.yaml")
     data = file.read_bytes()
     file.write_bytes(data[: int(part * len(data))])
-    error_of(path)
+    try:
+        with Bag(path) as bag:
+            stamps = [event.stamp_ns for event in bag.events(["/scan", "/odom"])]
+            assert stamps == sorted(stamps)
+            assert 0 < len(stamps) <= 60
+            assert str(file) in bag.warnings[0]
+            if len(stamps) < 60:
+                assert f"holds {len(stamps) + 1} messages, metadata.yaml counts 61" in " ".join(
+                    bag.warnings
+                ) or "/tf_static 0 of 1" in " ".join(bag.warnings)
+    except InputError as error:
+        message = str(error)
+        assert str(file) in message
+        assert "\n" not in message
+        assert part < 0.9 or compression is CompressionMode.FILE
 
 
 @settings(max_examples=60)

@@ -159,6 +159,53 @@ def test_a_stretch_of_a_bag_and_what_was_latched_before(recording, tmp_path):
     assert (clock[0], clock[-1]) == (first, START + 740 * MS)
 
 
+def test_all_static_transforms_come_first_whenever_and_however_recorded(tmp_path):
+    recorded = [("/odom", START, odometry(START))]
+    for index, name in enumerate("abc"):
+        stamp = START + 100 * index * MS
+        recorded.append(("/tf_static", stamp, static_transform(stamp, name)))
+        recorded.append(("/odom", stamp + MS, odometry(stamp + MS)))
+    profiles = {"/tf_static": qos(depth=1, is_reliable=False)}
+    path = write_bag(tmp_path / "bag", recorded, profiles=profiles)
+    expected = [data for _, data in by_topic(recorded)["/tf_static"]]
+    with listening(tmp_path, ["/odom", "/tf_static", "/clock"]) as listener:
+        result = replay(path, "--start", 0.05)
+        arrivals, offers = listener.stop()
+    assert result.returncode == 0, result.stderr
+    assert offers["/tf_static"] == [["RELIABLE", "TRANSIENT_LOCAL"]]
+    messages = [topic for topic, _ in arrivals if topic != "/clock"]
+    assert messages == 3 * ["/tf_static"] + 2 * ["/odom"]
+    assert heard_of(arrivals, "/tf_static") == expected
+
+
+def test_a_mount_that_changes_begins_with_its_first_pose(tmp_path):
+    pose = (2.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
+    later = START + 100 * MS
+    recorded = [
+        ("/tf_static", START, static_transform(START, "a")),
+        ("/odom", START + MS, odometry(START)),
+        ("/tf_static", later, tf_message((later, "base_link", "a", *pose))),
+        ("/odom", later + MS, odometry(later)),
+    ]
+    path = write_bag(tmp_path / "bag", recorded)
+    first, second = (data for _, data in by_topic(recorded)["/tf_static"])
+    with listening(tmp_path, ["/odom", "/tf_static"]) as listener:
+        assert replay(path).returncode == 0
+        arrivals, _ = listener.stop()
+    assert heard_of(arrivals, "/tf_static") == [second, first, first, second]
+
+
+def test_messages_of_another_type_are_told(tmp_path):
+    text = STORE.types["std_msgs/msg/String"](data="")
+    recorded = [("/odom", START, text), ("/odom", START, odometry(START))]
+    with listening(tmp_path, ["/odom"]) as listener:
+        result = replay(write_bag(tmp_path / "bag", recorded))
+        arrivals, _ = listener.stop()
+    assert result.returncode == 0
+    assert "/odom: 1 messages of type std_msgs/msg/String are not read" in result.stderr
+    assert len(heard_of(arrivals, "/odom")) == 1
+
+
 def test_the_pace_is_that_of_the_bag(recording):
     path, _ = recording
     for rate in (1.0, 5.0):
@@ -283,6 +330,9 @@ UNTOLD = qos(depth=0)._replace(history=QosHistory.UNKNOWN)
         ("/tf_static", [], (RELIABLE, LATCHED, LAST, 100)),
         ("/scan", [qos(depth=5, is_reliable=False)], (BEST_EFFORT, VOLATILE, LAST, 5)),
         ("/map", [qos(depth=1, is_transient_local=True)], (RELIABLE, LATCHED, LAST, 1)),
+        # Whatever was recorded: nobody subscribes to it otherwise.
+        ("/tf_static", [qos(depth=5, is_reliable=False)], (RELIABLE, LATCHED, LAST, 5)),
+        ("/robot/tf_static", [], (RELIABLE, LATCHED, LAST, 100)),
         # Several publishers become one that serves the subscribers of all.
         ("/tf_static", 3 * [qos(depth=1, is_transient_local=True)], (RELIABLE, LATCHED, LAST, 3)),
         ("/x", [qos(is_reliable=False), qos(depth=5)], (RELIABLE, VOLATILE, LAST, 15)),
