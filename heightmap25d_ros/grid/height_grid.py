@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.grid.height_map import Area, Geometry, HeightMap
+from heightmap25d_ros.grid.height_map import PROBABILITY_THRESHOLD, Area, Geometry, HeightMap
 from heightmap25d_ros.params.sections import GridParams
 
 TILE = 16
@@ -90,7 +90,7 @@ class HeightGrid:
 
     Parameters
     ----------
-    params : GridParams
+    params : GridParams, optional
 
     Attributes
     ----------
@@ -103,9 +103,17 @@ class HeightGrid:
         Upper bound of the heights in a tile, plus `TOP_BIAS`; 0 where nothing was observed.
     tile_changed : (tile rows, tile columns) uint8
         Tiles where a height or its being known changed since `take_changed`.
+
+    Examples
+    --------
+    >>> grid = HeightGrid()
+    >>> grid.write(HeightMap.from_metres([[0.0, 0.25]]))
+    >>> grid.read().height[0, :2]
+    array([ 0, 25], dtype=int16)
     """
 
-    def __init__(self, params: GridParams) -> None:
+    def __init__(self, params: GridParams | None = None) -> None:
+        params = params or GridParams()
         half = int(np.ceil(params.extent / (2 * params.resolution * TILE)))
         # An odd number of tiles in a row: with a power of two, all tiles above one another
         # would fall into the same few cache sets.
@@ -157,7 +165,9 @@ class HeightGrid:
         tiles = np.argwhere(self.tile_top)
         self.tile_changed[tuple(tiles.T)] = 1
 
-    def read(self, probability_threshold: float, area: Area | None = None) -> HeightMap:
+    def read(
+        self, probability_threshold: float = PROBABILITY_THRESHOLD, area: Area | None = None
+    ) -> HeightMap:
         """Dense copy of an area, or of all that was observed."""
         area = self.observed_area() if area is None else area
         return HeightMap(

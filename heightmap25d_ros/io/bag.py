@@ -54,7 +54,7 @@ class Bag:
 
     Parameters
     ----------
-    path : Path
+    path : Path or str
         Its directory, or a single .db3 or .mcap file.
 
     Attributes
@@ -69,10 +69,19 @@ class Bag:
     ------
     InputError
         If it does not exist, is damaged or holds no message.
+
+    Examples
+    --------
+    >>> with Bag("bags/ramp") as bag:
+    ...     print(bag.scan_topics(), bag.odometry_topic())
+    ...     scan = next(bag.events(["/scan"])).message
+    ['/scan', '/scan_down'] /odom
+    >>> len(scan.ranges)
+    361
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: Path | str) -> None:
+        self.path = path = Path(path)
         self.damaged: Counter[str] = Counter()
         self._store = get_typestore(Stores.ROS2_JAZZY)
         with self._naming_the_path():

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 
@@ -18,11 +19,39 @@ from heightmap25d_ros.planning.search import CostToGo
 
 @dataclass(frozen=True, slots=True)
 class Pose2D:
-    """Where a path starts and ends, and what planning answers: a path, or the reason for none."""
+    """A place on the map, with or without a heading.
+
+    Attributes
+    ----------
+    x, y : float [m], map
+    yaw : float [rad], optional
+        None: any.
+
+    Examples
+    --------
+    >>> Pose2D(4.0, 0.0, yaw=math.pi / 2)
+    Pose2D(x=4.0, y=0.0, yaw=1.5707963267948966)
+    """
 
     x: float
     y: float
     yaw: float | None = None
+
+
+def as_pose(name: str, place: Pose2D | Sequence[float]) -> Pose2D:
+    """A place that was given under some name: a `Pose2D`, or (x, y) or (x, y, yaw).
+
+    Raises
+    ------
+    ValueError
+        If it is neither.
+    """
+    if isinstance(place, Pose2D):
+        return place
+    numbers = [float(number) for number in place]
+    if len(numbers) not in (2, 3) or not all(math.isfinite(number) for number in numbers):
+        raise ValueError(f"{name}: {place} is not x, y or x, y, yaw")
+    return Pose2D(*numbers)
 
 
 def in_cells(place: Pose2D, geometry: Geometry) -> tuple[float, float, float]:

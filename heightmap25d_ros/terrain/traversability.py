@@ -139,14 +139,16 @@ def analyse_ground(height_map: HeightMap, params: TraversabilityParams) -> Groun
 
 
 def to_obstacle_map(
-    height_map: HeightMap, params: TraversabilityParams, ground: Ground | None = None
+    height_map: HeightMap,
+    params: TraversabilityParams | None = None,
+    ground: Ground | None = None,
 ) -> ObstacleMap:
     """Obstacles of a dense map, beyond which nothing is known.
 
     Parameters
     ----------
     height_map : HeightMap
-    params : TraversabilityParams
+    params : TraversabilityParams, optional
     ground : Ground, optional
         What `analyse_ground` makes of the two, where it is at hand.
 
@@ -154,7 +156,15 @@ def to_obstacle_map(
     ------
     InputError
         If the robot's radius is more than 100 cells.
+
+    Examples
+    --------
+    A step of 0.5 m; the obstacle is its upper end:
+
+    >>> to_obstacle_map(HeightMap.from_metres([[0.0, 0.0, 0.5]])).occupancy
+    array([[  0,   0, 100]], dtype=int8)
     """
+    params = params or TraversabilityParams()
     ground = analyse_ground(height_map, params) if ground is None else ground
     max_step_cm = _whole(params.max_step / HEIGHT_RESOLUTION)
     cell_cm = height_map.geometry.resolution / HEIGHT_RESOLUTION
