@@ -10,6 +10,7 @@ import subprocess
 import sys
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -77,7 +78,13 @@ def test_names_load_what_they_need_only() -> None:
     assert "matplotlib" not in loaded_by(f"from heightmap25d_ros import {names}")
 
 
-@pytest.mark.parametrize("module", sorted({module for module, _ in for_type_checkers().values()}))
+def modules_with_examples() -> list[Any]:
+    modules = {module for module, _ in for_type_checkers().values()}
+    maps_a_bag = "heightmap25d_ros.pipelines.from_bag"
+    return [*sorted(modules - {maps_a_bag}), pytest.param(maps_a_bag, marks=pytest.mark.slow)]
+
+
+@pytest.mark.parametrize("module", modules_with_examples())
 def test_examples_in_docstrings(
     module: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

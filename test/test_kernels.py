@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 from repository import ROOT
 
+pytestmark = pytest.mark.slow  # each process compiles anew
+
 NAME = "heightmap25d_ros"
 CONSTANTS = "SCALE = {scale}\n"
 CALLED = f"""

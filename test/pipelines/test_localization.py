@@ -27,6 +27,8 @@ from heightmap25d_ros.localization.tracking_state import State
 from heightmap25d_ros.params.by_name import with_values
 from heightmap25d_ros.pipelines.localization import Localizer
 
+pytestmark = pytest.mark.slow  # whole drives
+
 
 @pytest.fixture(scope="module")
 def room(tmp_path_factory):

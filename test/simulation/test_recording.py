@@ -45,11 +45,13 @@ def stamp(message) -> int:
     return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
 
 
+@pytest.mark.slow
 def test_same_seed_same_bytes(recorded: Path, tmp_path: Path) -> None:
     assert main(["simulate", "arch", "--seed", "1", "-o", str(tmp_path / "arch_1")]) == 0
     assert sha256(recorded) == sha256(tmp_path / "arch_1")
 
 
+@pytest.mark.slow
 def test_stamps_and_increments(recorded: Path) -> None:
     poses, scans = [], {"/scan": [], "/scan_down": []}
     for topic, logged, message in messages(recorded, "/odom", *scans):
@@ -70,6 +72,7 @@ def test_stamps_and_increments(recorded: Path) -> None:
         assert stamps[-1] + 1e9 / 75 <= poses[-1] + 2
 
 
+@pytest.mark.slow
 def test_ranges_follow_rep_117(recorded: Path) -> None:
     for _, _, message in messages(recorded, "/scan", "/scan_down"):
         finite = np.isfinite(message.ranges)
@@ -78,6 +81,7 @@ def test_ranges_follow_rep_117(recorded: Path) -> None:
         assert (message.ranges[finite] <= np.float32(message.range_max)).all()
 
 
+@pytest.mark.slow
 def test_mounts_frames_and_qualities(recorded: Path) -> None:
     mounts = {
         t.child_frame_id: t
@@ -98,6 +102,7 @@ def test_mounts_frames_and_qualities(recorded: Path) -> None:
     assert offered["/tf_static"].durability == QosDurability.TRANSIENT_LOCAL
 
 
+@pytest.mark.slow
 def test_true_odometry_is_the_truth_and_the_other_drifts(recorded: Path, tmp_path: Path) -> None:
     exact = tmp_path / "exact"
     options = ["--scan-rate", "1", "--true-odometry", "--nodding"]
@@ -125,6 +130,7 @@ def test_what_cannot_be_simulated_is_told(
     assert not (tmp_path / "bag").exists()
 
 
+@pytest.mark.slow
 def test_existing_directory_is_kept(recorded: Path) -> None:
     before = sha256(recorded)
     assert main(["simulate", "arch", "-o", str(recorded)]) == 2
@@ -144,6 +150,7 @@ def test_missing_mujoco_is_told_with_its_cure(
     assert error.count("\n") == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("world", sorted(BUILDERS))
 def test_committed_bag_is_mapped_without_drops(
     world: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
