@@ -13,6 +13,8 @@ from repository import BAGS
 
 from heightmap25d_ros import cli
 
+pytestmark = pytest.mark.slow  # whole drives
+
 # World: coverage, precision and recall of blocked transitions, share of seen tops off by > 10 cm.
 REACHED = {
     "ramp_1": (0.98, 0.975, 0.975, 0.020),  # 0.992, 0.979, 0.981, 0.016

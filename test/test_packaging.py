@@ -155,7 +155,10 @@ def test_no_module_imports_itself_by_way_of_others() -> None:
     def dotted(path: Path) -> str:
         return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
 
-    modules = {dotted(path): imports(path) for path in MODULES}
+    # The package itself imports a name when it is used: see test_api.py.
+    modules = {
+        dotted(path): imports(path) for path in MODULES if path != ROOT / NAME / "__init__.py"
+    }
     graph = {name: [n for n in found if n in modules] for name, found in modules.items()}
     tuple(TopologicalSorter(graph).static_order())  # raises where there is a circle
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.grid.height_map import Area, Geometry, HeightMap
+from heightmap25d_ros.grid.height_map import PROBABILITY_THRESHOLD, Area, Geometry, HeightMap
 from heightmap25d_ros.params.sections import GridParams
 
 TILE = 16
@@ -91,7 +91,7 @@ class HeightGrid:
 
     Parameters
     ----------
-    params : GridParams
+    params : GridParams, optional
 
     Attributes
     ----------
@@ -107,23 +107,14 @@ class HeightGrid:
 
     Examples
     --------
-    >>> grid = HeightGrid(GridParams(resolution=0.5, extent=64.0))
-    >>> grid.observed_area().shape
-    (0, 0)
-    >>> plain = HeightMap(
-    ...     geometry=Geometry(resolution=0.5, origin=(0.0, 0.0), shape=(1, 2)),
-    ...     height=np.array([[5, 7]], np.int16),
-    ...     probability=np.full((1, 2), 50000, np.uint16),
-    ...     probability_threshold=0.5,
-    ... )
-    >>> grid.write(plain)
-    >>> grid.observed_area().shape
-    (16, 16)
-    >>> grid.read(0.5).metres[0, :3]
-    array([0.05, 0.07,  nan])
+    >>> grid = HeightGrid()
+    >>> grid.write(HeightMap.from_metres([[0.0, 0.25]]))
+    >>> grid.read().height[0, :2]
+    array([ 0, 25], dtype=int16)
     """
 
-    def __init__(self, params: GridParams) -> None:
+    def __init__(self, params: GridParams | None = None) -> None:
+        params = params or GridParams()
         half = int(np.ceil(params.extent / (2 * params.resolution * TILE)))
         # An odd number of tiles in a row: with a power of two, all tiles above one another
         # would fall into the same few cache sets.
@@ -175,7 +166,9 @@ class HeightGrid:
         tiles = np.argwhere(self.tile_top)
         self.tile_changed[tuple(tiles.T)] = 1
 
-    def read(self, probability_threshold: float, area: Area | None = None) -> HeightMap:
+    def read(
+        self, probability_threshold: float = PROBABILITY_THRESHOLD, area: Area | None = None
+    ) -> HeightMap:
         """Dense copy of an area, by default of the observed one."""
         area = self.observed_area() if area is None else area
         return HeightMap(

@@ -453,7 +453,19 @@ class SimulatorParams(Section):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Params:
-    """All sections, and the parameters that belong to none."""
+    """All sections, and the parameters that belong to none.
+
+    Examples
+    --------
+    >>> Params().grid.resolution
+    0.125
+    >>> params = Params(grid=GridParams(resolution=0.25))
+
+    By the names of a parameter file:
+
+    >>> from heightmap25d_ros.params.by_name import with_values
+    >>> params = with_values(Params(), {"grid.resolution": 0.25, "mapper.update_rule": "paper"})
+    """
 
     autostart: bool = parameter(
         True, "whether the node configures and activates itself; false: left to a lifecycle manager"

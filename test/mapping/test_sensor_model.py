@@ -68,6 +68,13 @@ def test_no_return_clears_no_farther_than_the_laser_sees():
     np.testing.assert_allclose(result.ends, [(4, 0, 0)])
 
 
+def test_no_return_is_none_beside_one_where_the_laser_sees_without_limit():
+    given_scan = scan([np.inf, 5.0, 5.0], angle_increment=0.001, range_max=np.inf)
+    result = beams(given_scan, LEVEL, LEVEL, UP, lone_return=0.15)
+    assert result.is_hit.tolist() == [False, True, True]
+    assert not result.is_lone.any()
+
+
 @pytest.mark.parametrize("pitch", [0.0, 0.4])
 def test_no_return_clears_only_above_the_ground_under_the_robot(pitch):
     """30 degrees down and 0.6 m up the plane of base_link is 1.2 m away, and none upwards."""
