@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from heightmap25d_ros import se3
-from heightmap25d_ros.commands.common import Figures, add_command, read_params
+from heightmap25d_ros.commands.common import Figures, add_command, read_params, require_map
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.evaluation import trajectory_error
 from heightmap25d_ros.evaluation.goal_reachability import evaluate_goals
@@ -39,6 +39,7 @@ def add_to(commands: Any) -> None:
 def _evaluate(options: argparse.Namespace) -> Figures:
     """Hold a map directory against the truth of its world: surface, goals, trajectory."""
     settings = read_params(options)
+    require_map(options.map)
     height_map = map_directory.load(options.map, settings.mapper.probability_threshold).height_map
     truth = read_truth(options.truth)
     figures = evaluate_map(height_map, settings.traversability, truth).as_dict()

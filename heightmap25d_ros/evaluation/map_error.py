@@ -35,9 +35,9 @@ class HeightError:
     """Stored minus true height [m] over a number of cells; None without cells."""
 
     cells: int
-    bias: float | None
-    median_absolute: float | None
-    percentile_95_absolute: float | None
+    bias_m: float | None
+    median_absolute_m: float | None
+    percentile_95_absolute_m: float | None
     share_beyond_10_cm: float | None
 
 
@@ -184,15 +184,15 @@ def _on_cells_of(
 def _height_error(error: NDArray[np.float64]) -> HeightError:
     if not error.size:
         return HeightError(
-            cells=0, bias=None, median_absolute=None, percentile_95_absolute=None,
+            cells=0, bias_m=None, median_absolute_m=None, percentile_95_absolute_m=None,
             share_beyond_10_cm=None,
         )  # fmt: skip
     absolute = np.abs(error)
     return HeightError(
         cells=error.size,
-        bias=float(error.mean()),
-        median_absolute=float(np.median(absolute)),
-        percentile_95_absolute=float(np.percentile(absolute, 95.0)),
+        bias_m=float(error.mean()),
+        median_absolute_m=float(np.median(absolute)),
+        percentile_95_absolute_m=float(np.percentile(absolute, 95.0)),
         share_beyond_10_cm=float((absolute > LARGE_ERROR).mean()),
     )
 
