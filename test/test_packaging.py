@@ -35,7 +35,8 @@ STOREYS = [
 ROOMS = [room for storey in STOREYS for room in storey]
 
 # rosdep's name of what is imported under another name; rosbags and the extras, mujoco and rerun,
-# have none, llvmlite comes with numba, lz4 and zstd (backports, compression) with rosbags, and grid_map_msgs is used where it is.
+# have none, llvmlite comes with numba, lz4 and zstd (backports, compression) with rosbags, and
+# grid_map_msgs is used where it is.
 ROSDEP_KEYS = {
     "grid_map_msgs": None,
     "llvmlite": None,
