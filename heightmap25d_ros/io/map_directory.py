@@ -116,7 +116,8 @@ def save(
     Raises
     ------
     InputError
-        If the map is empty, or the directory cannot be written.
+        If no cell of the map is known (an empty map never replaces one), or the directory cannot
+        be written.
     ValueError
         If the two maps do not cover the same cells.
 
@@ -129,8 +130,12 @@ def save(
     directory = Path(directory)
     if obstacle_map is not None and obstacle_map.geometry != height_map.geometry:
         raise ValueError("height map and obstacle map do not cover the same cells")
-    if not height_map.height.size:
-        raise InputError(f"{directory}: nothing has been mapped, so there is nothing to save")
+    if not height_map.known.any():
+        observed = int(np.count_nonzero(height_map.probability))
+        raise InputError(
+            f"{directory}: nothing has been mapped, so there is nothing to save ({observed} cells "
+            f"were observed, none with a probability of {height_map.probability_threshold:g})"
+        )
     obstacle_map = to_obstacle_map(height_map) if obstacle_map is None else obstacle_map
     with atomic_directory.replacing(directory) as temporary:
         (temporary / MAP_YAML).write_text(map_yaml(height_map.geometry), encoding="utf-8")

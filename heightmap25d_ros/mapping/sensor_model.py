@@ -84,6 +84,27 @@ class Beams:
     is_lone: NDArray[np.bool_]
 
 
+def no_returns(scan: Scan, convention: str) -> NDArray[np.bool_]:
+    """(N,) bool: the beams that met nothing within the reach of the laser.
+
+    Parameters
+    ----------
+    scan : Scan
+    convention : str
+        Which ranges mean that, besides +inf (REP-117): those of parameter ``sensor.no_return``.
+    """
+    ranges = scan.ranges
+    is_miss: NDArray[np.bool_] = ranges == np.inf
+    is_finite = np.isfinite(ranges)
+    if convention == "zero":
+        is_miss |= ranges == 0.0
+    if convention in ("range_max", "out_of_range"):
+        is_miss |= is_finite & (ranges >= np.float32(scan.range_max))
+    if convention == "out_of_range":
+        is_miss |= is_finite & (ranges <= np.float32(scan.range_min))
+    return is_miss
+
+
 def lone_returns(
     ranges: NDArray[np.float64], is_return: NDArray[np.bool_], distance: float
 ) -> NDArray[np.bool_]:
@@ -150,14 +171,14 @@ def beams(
     params: SensorParams | None = None,
     lone_return: float = 0.0,
 ) -> Beams:
-    """Beams of a scan in the map frame, by REP-117.
+    """Beams of a scan in the map frame, by REP-117 or what else ``no_return`` says.
 
-    +inf: no return, clears to ``clearing_range``, ``range_max`` or the plane of base_link, the
-    nearest one: below the ground on which the robot stands there is no free space, so that such a
-    beam was absorbed or deflected. NaN, -inf and values outside of ``range_min .. range_max`` or
-    below ``min_range``: no beam. Returns beyond ``max_range`` clear up to there, and returns
-    outside of the window ``min_height .. max_height`` above base_link clear up to the return;
-    neither hits.
+    No return (+inf, see `no_returns`): clears to ``clearing_range``, ``range_max`` or the plane of
+    base_link, the nearest one: below the ground on which the robot stands there is no free space,
+    so that such a beam was absorbed or deflected. NaN, -inf, 0 and values outside of ``range_min
+    .. range_max`` or below ``min_range``: no beam. Returns beyond ``max_range`` clear up to there,
+    and returns outside of the window ``min_height .. max_height`` above base_link clear up to the
+    return; neither hits.
 
     Parameters
     ----------
@@ -185,9 +206,10 @@ def beams(
     T_map_base = _poses("T_map_base", T_map_base, len(scan.ranges))
     T_base_sensor = _poses("T_base_sensor", T_base_sensor, len(scan.ranges))
     ranges = scan.ranges.astype(np.float64)
+    is_miss = no_returns(scan, params.no_return)
+    ranges[is_miss] = np.inf
     nearest = max(scan.range_min, params.min_range)
-    is_miss = ranges == np.inf
-    is_return = (ranges >= nearest) & (ranges <= scan.range_max) & ~is_miss
+    is_return = (ranges >= nearest) & (ranges <= scan.range_max) & (ranges > 0.0) & ~is_miss
     angles = scan.angle_min + scan.angle_increment * np.arange(len(ranges))
     in_plane = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     cleared = np.minimum(

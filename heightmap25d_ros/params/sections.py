@@ -39,6 +39,12 @@ class SensorParams(Section):
         30.0, "returns at a longer range clear cells up to this range, and mark none", "m",
         low=0.5, high=200.0,
     )  # fmt: skip
+    no_return: str = parameter(
+        "rep117",
+        "ranges that mean no return: rep117: +inf; and besides, zero: 0; range_max: range_max and "
+        "more; out_of_range: range_max and more, range_min and less (Nav2's inf_is_valid)",
+        choices=("rep117", "zero", "range_max", "out_of_range"),
+    )
     clearing_range: float = parameter(
         10.0, "a beam without return clears cells up to this range", "m", low=0.0, high=200.0
     )

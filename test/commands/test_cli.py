@@ -60,6 +60,28 @@ def test_the_map_of_the_ramp_against_its_truth(capsys, ramp_map):
     assert figures["blocked_transitions"]["recall"] > 0.98
 
 
+def test_evaluate_refuses_the_truth_of_another_world(capsys, ramp_map):
+    other = ROOT / "bags" / "room_1" / "truth" / "surface.npz"
+    status, _, err = run(capsys, "evaluate", ramp_map, "--truth", other)
+    assert status == 2
+    (line,) = err.splitlines()
+    assert "% of its 88" in line
+    assert "another world" in line
+
+
+def test_convert_never_replaces_a_map_by_an_empty_one(capsys, tmp_path, ramp_map):
+    file = tmp_path / "sure.yaml"
+    sure = "mapper: {probability_threshold: 0.99, probability_max: 0.999}"
+    file.write_text(f"/**:\n  ros__parameters:\n    {sure}\n")
+    digest = map_directory.digest(ramp_map)
+    for output in ((), ("-o", tmp_path / "out")):
+        status, _, err = run(capsys, "convert", ramp_map, *output, "--params", file)
+        assert (status, err.count("\n")) == (2, 1)
+        assert "nothing has been mapped" in err
+    assert map_directory.digest(ramp_map) == digest
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.slow
 def test_the_papers_rule_on_the_ramp(capsys, tmp_path):
     """Measured: 0.990, 0.0065, 1.0, 0.995; grazing beams cost it coverage."""

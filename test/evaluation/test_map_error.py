@@ -13,7 +13,7 @@ import pytest
 from repository import BAGS
 
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.evaluation.map_error import HeightError, evaluate_map
+from heightmap25d_ros.evaluation.map_error import LEAST_OVERLAP, HeightError, evaluate_map, overlap
 from heightmap25d_ros.evaluation.truth import Truth, read_truth
 from heightmap25d_ros.grid.height_map import Geometry, HeightMap
 from heightmap25d_ros.params.sections import TraversabilityParams
@@ -159,6 +159,27 @@ def test_only_what_both_cover_is_compared() -> None:
         percentile_95_absolute_m=None,
         share_beyond_10_cm=None,
     )
+
+
+def test_overlap_counts_known_cells_that_the_truth_saw_at_their_height() -> None:
+    truth = truth_of([[0.0, 0.0, 3.0, 3.0]], [[0.0, NAN, 3.0, 3.0]])
+    # The same; not seen; 0.6 m too low; 0.4 m too low; beyond the truth.
+    assert overlap(map_of([[0, 0, 240, 260, 0]]), truth) == 2 / 5
+    assert overlap(map_of([[None, None, 300, None]]), truth) == 1.0
+    assert overlap(map_of([[0, 0]], (90.0, 90.0)), truth) == overlap(map_of([[None]]), truth) == 0
+
+
+def test_the_truth_of_another_world_is_told_apart() -> None:
+    truth = read_truth(BAG_TRUTH)
+    own = HeightMap(
+        geometry=truth.geometry,
+        height=np.rint(np.nan_to_num(truth.seen) * 100).astype(np.int16),
+        probability=np.where(np.isfinite(truth.seen), 65535, 0).astype(np.uint16),
+        probability_threshold=0.5,
+    )
+    assert overlap(own, truth) > 0.99
+    for name in ("room_1", "rough_1", "street_1", "garage_1"):
+        assert overlap(own, read_truth(BAGS / name / "truth" / "surface.npz")) < LEAST_OVERLAP
 
 
 def test_nothing_where_the_world_has_no_surface() -> None:
