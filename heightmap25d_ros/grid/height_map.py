@@ -38,8 +38,8 @@ def local_origin(position: ArrayLike) -> NDArray[np.float64]:
     --------
     >>> local_origin((120.0, -80.0, 2500.0))
     array([0., 0., 0.])
-    >>> local_origin((500_000.4, 4_500_000.0, 2500.3))
-    array([ 500000., 4500000.,    2500.])
+    >>> local_origin((500_000.4, 4_500_000.0, 2500.3)).tolist()
+    [500000.0, 4500000.0, 2500.0]
     """
     exact = np.asarray(position, np.float64)
     is_near = (np.abs(exact) <= FLOAT32_REACH).all()
