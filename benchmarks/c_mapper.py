@@ -38,9 +38,13 @@ class _Rule(ctypes.Structure):
 class _Grid(ctypes.Structure):
     _fields_ = [
         *((name, ctypes.c_int64) for name in ("tile_rows", "tile_columns")),
-        *((name, ctypes.c_double) for name in ("corner_x", "corner_y", "cells_per_metre")),
+        *(
+            (name, ctypes.c_double)
+            for name in ("corner_x", "corner_y", "ground_zero", "cells_per_metre")
+        ),
         *((name, ctypes.c_void_p) for name in ("heights", "probabilities", "candidate_heights")),
         *((name, ctypes.c_void_p) for name in ("candidates", "tile_top", "tile_changed")),
+        *((name, ctypes.c_void_p) for name in ("observed", "changed")),
     ]
 
 
@@ -81,11 +85,14 @@ class CMapper:
             grid.candidate_probability.cells,
             grid.tile_top,
             grid.tile_changed,
+            grid.observed,
+            grid.changed,
         )
         geometry = grid.geometry
         c_grid = _Grid(
             *grid.tile_top.shape,
             *geometry.origin,
+            geometry.ground_zero,
             1.0 / geometry.resolution,
             *(array.ctypes.data for array in arrays),
         )

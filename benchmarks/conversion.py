@@ -87,7 +87,7 @@ def _terrain() -> tuple[HeightGrid, HeightMap]:
 
 def _update_block(grid: HeightGrid, obstacles: ObstacleGrid) -> None:
     first, count = grid.tile_changed.shape[0] // 2 - 3, BLOCK // TILE
-    grid.tile_changed[first : first + count, first : first + count] = 1
+    grid.mark_changed(np.s_[first : first + count, first : first + count])
     obstacles.update(grid, THRESHOLD)
 
 

@@ -33,13 +33,14 @@ typedef struct {
 
 typedef struct {
   int64_t tile_rows, tile_columns;
-  double corner_x, corner_y, cells_per_metre;
+  double corner_x, corner_y, ground_zero, cells_per_metre;
   int16_t *heights;
   uint16_t *probabilities;
   int16_t *candidate_heights;
   uint16_t *candidates;
   uint16_t *tile_top;
   uint8_t *tile_changed;
+  int64_t *observed, *changed;  // first row and column, last row and column, number of tiles
 } Grid;
 
 typedef struct {
@@ -227,6 +228,14 @@ static inline int clear_tile(const Grid *grid, int64_t tile, int64_t start, int6
   return is_lost;
 }
 
+static inline void include(int64_t ty, int64_t tx, int64_t *bounds) {
+  bounds[0] = min_i(bounds[0], ty);
+  bounds[1] = min_i(bounds[1], tx);
+  bounds[2] = max_i(bounds[2], ty);
+  bounds[3] = max_i(bounds[3], tx);
+  bounds[4]++;
+}
+
 static inline void clear(const Grid *grid, const double *origin, const double *end, double length,
                          Judged judged, const Likelihoods *model, const Rule *rule) {
   int rises = origin[2] < end[2];
@@ -249,7 +258,10 @@ static inline void clear(const Grid *grid, const double *origin, const double *e
       int64_t start = max_i(max_i(first, meets), max_i(exit_x - across_x, exit_y - across_y));
       if (clear_tile(grid, tile, start, stop, x, y, z, fall / TICKS, distance, metres, judged,
                      model, rule)) {
-        grid->tile_changed[tile] = 1;
+        if (!grid->tile_changed[tile]) {
+          grid->tile_changed[tile] = 1;
+          include(tile / grid->tile_columns, tile % grid->tile_columns, grid->changed);
+        }
         grid->tile_top[tile] = (uint16_t)top_of(grid, tile * CELLS, rule);
       }
     }
@@ -266,7 +278,7 @@ static inline void clear(const Grid *grid, const double *origin, const double *e
 static inline void in_cells(const Grid *grid, const double *point, double *cells) {
   cells[0] = (point[0] - grid->corner_x) * grid->cells_per_metre;
   cells[1] = (point[1] - grid->corner_y) * grid->cells_per_metre;
-  cells[2] = point[2] * (1.0 / HEIGHT_RESOLUTION);
+  cells[2] = (point[2] - grid->ground_zero) * (1.0 / HEIGHT_RESOLUTION);
 }
 
 static inline int is_inside(const Grid *grid, const double *point) {
@@ -313,8 +325,10 @@ void integrate(const double *origins, const double *ends, const uint8_t *is_hit,
     if (!is_hit[beam]) continue;
     int64_t ix = (int64_t)end[0], iy = (int64_t)end[1];
     int64_t z = floor_i(end[2] + 0.5);
-    counts[1] += llabs(z) > HEIGHT_LIMIT;
-    z = min_i(max_i(z, -HEIGHT_LIMIT), HEIGHT_LIMIT);
+    if (llabs(z) > HEIGHT_LIMIT) {
+      counts[1]++;
+      continue;
+    }
     int64_t tile = iy / TILE * grid->tile_columns + ix / TILE;
     int64_t index = tile * CELLS + iy % TILE * TILE + ix % TILE;
     Cell before = cell_of(grid, index);
@@ -325,9 +339,12 @@ void integrate(const double *origins, const double *ends, const uint8_t *is_hit,
       grid->candidate_heights[index] = (int16_t)after.candidate_height;
       grid->candidates[index] = (uint16_t)after.candidate;
     }
-    if (after.height != before.height || before.probability < rule->known) {
+    int changes = after.height != before.height || before.probability < rule->known;
+    if (changes && !grid->tile_changed[tile]) {
       grid->tile_changed[tile] = 1;
+      include(iy / TILE, ix / TILE, grid->changed);
     }
+    if (!grid->tile_top[tile]) include(iy / TILE, ix / TILE, grid->observed);
     int64_t top = max_i(after.height, z) + TOP_BIAS;
     grid->tile_top[tile] = (uint16_t)max_i(grid->tile_top[tile], top);
     counts[0]++;

@@ -27,7 +27,7 @@ from heightmap25d_ros import cli
 from heightmap25d_ros.evaluation.goal_reachability import evaluate_goals
 from heightmap25d_ros.evaluation.map_error import evaluate_map
 from heightmap25d_ros.evaluation.truth import read_goals, read_truth
-from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, Area, Geometry
+from heightmap25d_ros.grid.height_map import Area, Geometry
 from heightmap25d_ros.io.bag import Bag
 from heightmap25d_ros.mapping import sensor_model
 from heightmap25d_ros.params.by_name import with_values
@@ -270,12 +270,12 @@ def watched(
         topics = bag.scan_topics()
         settings = with_values(Params(), {"intake.scan_topics": topics, "mapper.update_rule": rule})
         mapping = Mapping(settings)
-        iy, ix = mapping.grid.geometry.cell_at(geometry.cell_center((0, 0)))
-        area = Area(int(iy), int(ix), *geometry.shape)
         for event in bag.events([*topics, "/odom", "/tf_static"]):
             for reading in feed(mapping, event.topic, event.message):
+                iy, ix = mapping.grid.geometry.cell_at(geometry.cell_center((0, 0)))
+                area = Area(int(iy), int(ix), *geometry.shape)
                 heights = mapping.grid.read(settings.mapper.probability_threshold, area)
-                above = heights.height * HEIGHT_RESOLUTION - ground
+                above = heights.metres - ground
                 seconds = (reading.scan.stamp_ns - EPOCH_NS) / 1e9
                 yield seconds, reading, (above > PHANTOM) & heights.known
 

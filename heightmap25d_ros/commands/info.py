@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from heightmap25d_ros.commands.common import Figures, add_command, cell_counts, read_params
-from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION
 from heightmap25d_ros.io import map_directory
 from heightmap25d_ros.io.bag import Bag
 from heightmap25d_ros.terrain.traversability import to_obstacle_map
@@ -27,12 +26,13 @@ def _info(options: argparse.Namespace) -> Figures:
     if (options.path / map_directory.HEIGHT_GRID).exists():
         loaded = map_directory.load(options.path, settings.mapper.probability_threshold)
         geometry, heights = loaded.height_map.geometry, loaded.height_map
-        known = heights.height[heights.known] * HEIGHT_RESOLUTION
+        known = heights.metres[heights.known]
         return {
             "frame": loaded.frame_id,
             "size_cells": list(geometry.shape[::-1]),
             "resolution_m": geometry.resolution,
             "origin_m": list(geometry.origin),
+            "ground_zero_m": geometry.ground_zero,
             "heights_m": [round(known.min(), 2), round(known.max(), 2)] if known.size else [],
             **cell_counts(heights, to_obstacle_map(heights, settings.traversability)),
         }

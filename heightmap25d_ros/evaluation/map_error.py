@@ -138,7 +138,7 @@ def evaluate_map(height_map: HeightMap, params: TraversabilityParams, truth: Tru
         If the cells of the map do not coincide with those of the truth.
     """
     height_cm, known = _on_cells_of(truth.geometry, height_map)
-    height = height_cm * HEIGHT_RESOLUTION
+    height = height_cm * HEIGHT_RESOLUTION + height_map.geometry.ground_zero
     observable = np.isfinite(truth.seen)
     known_cells, known_observable = int(known.sum()), int((known & observable).sum())
     error_of_seen = (height - truth.seen)[known & observable]

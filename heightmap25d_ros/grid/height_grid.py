@@ -8,11 +8,12 @@ dense rectangles of it, and records which tiles have changed.
 
 from __future__ import annotations
 
+import math
 import mmap
 from typing import Any
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_map import PROBABILITY_THRESHOLD, Area, Geometry, HeightMap
@@ -23,6 +24,20 @@ TILE = 16
 
 TOP_BIAS = 32768
 """Added to a height in ``tile_top``, so that zero can mean a tile without any height."""
+
+_NO_TILES = (2**62, 2**62, -1, -1, 0)
+
+
+def anchor_at(position: ArrayLike, resolution: float) -> tuple[float, float, float]:
+    """The anchor (x, y, z) [m] of a map that begins at a position (3,) [m], map.
+
+    x and y are the nearest corner of a tile, so that cell boundaries stay on multiples of the
+    resolution; z is the nearest whole metre. A map that begins near zero is anchored at zero.
+    """
+    x, y, z = (float(coordinate) for coordinate in np.asarray(position))
+    tile = TILE * resolution
+    return (math.floor(x / tile + 0.5) * tile, math.floor(y / tile + 0.5) * tile,
+            float(math.floor(z + 0.5)))  # fmt: skip
 
 
 def _zeros_committed_lazily(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
@@ -87,15 +102,19 @@ class HeightGrid:
 
     The whole extent is addressable from the start. Cell boundaries lie on multiples of the
     resolution in the map frame. Memory is committed by the page (64 x 16 cells) as cells are
-    written, and no cell is ever moved or copied as the robot drives.
+    written, and no cell is ever moved or copied as the robot drives. Bounds of the observed and
+    of the changed tiles are kept, so that no operation looks at more than was observed.
 
     Parameters
     ----------
     params : GridParams, optional
+    anchor : (x, y, z) float [m], map
+        Middle of the extent, moved to the nearest corner of a tile, and the z of height 0.
 
     Attributes
     ----------
     geometry : Geometry
+    anchor : (x, y, z) float [m], map
     height : TiledArray of int16 [cm]
     probability : TiledArray of uint16
     candidate_height, candidate_probability : TiledArray
@@ -104,6 +123,9 @@ class HeightGrid:
         Upper bound of the heights in a tile, plus `TOP_BIAS`; 0 where nothing was observed.
     tile_changed : (tile rows, tile columns) uint8
         Tiles in which a height changed, or a cell became known or unknown, since `take_changed`.
+    observed, changed : (5,) int64
+        Bounds of the tiles with a ``tile_top``, and of those with ``tile_changed``: first row,
+        first column, last row, last column, and their number. `mapper` updates them.
 
     Examples
     --------
@@ -113,24 +135,37 @@ class HeightGrid:
     array([ 0, 25], dtype=int16)
     """
 
-    def __init__(self, params: GridParams | None = None) -> None:
+    def __init__(
+        self,
+        params: GridParams | None = None,
+        anchor: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    ) -> None:
         params = params or GridParams()
         half = int(np.ceil(params.extent / (2 * params.resolution * TILE)))
         # An odd number of tiles in a row: with a power of two, all tiles above one another
         # would fall into the same few cache sets.
         tiles = 2 * half, 2 * half + 1
-        corner = -half * TILE * params.resolution
+        x, y = (
+            (math.floor(middle / (TILE * params.resolution) + 0.5) - half)
+            * TILE * params.resolution
+            for middle in anchor[:2]
+        )  # fmt: skip
         self.geometry = Geometry(
             resolution=params.resolution,
-            origin=(corner, corner),
+            origin=(x, y),
             shape=(tiles[0] * TILE, tiles[1] * TILE),
+            ground_zero=anchor[2],
         )
+        corner = half * TILE * params.resolution
+        self.anchor = x + corner, y + corner, anchor[2]
         self.height = TiledArray(tiles, np.int16)
         self.probability = TiledArray(tiles, np.uint16)
         self.candidate_height = TiledArray(tiles, np.int16)
         self.candidate_probability = TiledArray(tiles, np.uint16)
         self.tile_top: NDArray[np.uint16] = _zeros_committed_lazily(tiles, np.uint16)
         self.tile_changed: NDArray[np.uint8] = _zeros_committed_lazily(tiles, np.uint8)
+        self.observed = np.array(_NO_TILES, np.int64)
+        self.changed = np.array(_NO_TILES, np.int64)
 
     @property
     def area(self) -> Area:
@@ -139,32 +174,40 @@ class HeightGrid:
 
     def observed_area(self) -> Area:
         """The tile-aligned bounding box of all cells ever observed; empty at first."""
-        rows = np.flatnonzero(self.tile_top.any(axis=1))
-        columns = np.flatnonzero(self.tile_top.any(axis=0))
-        if not len(rows):
+        first_y, first_x, last_y, last_x, count = self.observed.tolist()
+        if not count:
             return Area(self.area.rows // 2, self.area.rows // 2, 0, 0)
-        return Area(
-            int(rows[0]) * TILE,
-            int(columns[0]) * TILE,
-            int(rows[-1] - rows[0] + 1) * TILE,
-            int(columns[-1] - columns[0] + 1) * TILE,
-        )
+        rows, columns = last_y - first_y + 1, last_x - first_x + 1
+        return Area(first_y * TILE, first_x * TILE, rows * TILE, columns * TILE)
+
+    @property
+    def observed_cells(self) -> int:
+        """Number of cells of the tiles with observed cells."""
+        return int(self.observed[4]) * TILE**2
 
     def take_changed(self) -> NDArray[np.int64]:
         """(K, 2) tiles (ty, tx) that changed since the last call."""
-        observed = self.observed_area()
-        ty, tx = observed.iy // TILE, observed.ix // TILE
-        flags = self.tile_changed[
-            ty : ty + observed.rows // TILE, tx : tx + observed.columns // TILE
-        ]
-        changed = np.argwhere(flags) + (ty, tx)
-        flags[:] = 0
-        return changed
+        first_y, first_x, last_y, last_x, count = self.changed.tolist()
+        if not count:
+            return np.empty((0, 2), np.int64)
+        flags = self.tile_changed[first_y : last_y + 1, first_x : last_x + 1]
+        changed = np.argwhere(flags)
+        flags[tuple(changed.T)] = 0
+        self.changed[:] = _NO_TILES
+        return np.asarray(changed + (first_y, first_x))
 
-    def mark_changed(self) -> None:
-        """Mark all observed tiles as changed."""
-        tiles = np.argwhere(self.tile_top)
-        self.tile_changed[tuple(tiles.T)] = 1
+    def mark_changed(self, tiles: tuple[slice, slice] | None = None) -> None:
+        """Mark a rectangle of tiles as changed, by default all observed ones."""
+        is_marked: NDArray[np.bool_] | np.bool_ = np.True_
+        if tiles is None:
+            first_y, first_x, last_y, last_x, count = self.observed.tolist()
+            if not count:
+                return
+            tiles = np.s_[first_y : last_y + 1, first_x : last_x + 1]
+            is_marked = self.tile_top[tiles] > 0
+        flags = self.tile_changed[tiles]
+        _include(self.changed, (flags == 0) & is_marked, tiles)
+        flags[...] |= is_marked
 
     def read(
         self, probability_threshold: float = PROBABILITY_THRESHOLD, area: Area | None = None
@@ -184,8 +227,8 @@ class HeightGrid:
         Raises
         ------
         ValueError
-            If its resolution differs, its cells do not coincide with those of the grid, or it
-            reaches beyond the extent.
+            If its resolution or its ground zero differs, its cells do not coincide with those of
+            the grid, or it reaches beyond the extent.
         """
         area = self._area_of(height_map.geometry)
         ty, tx = area.iy // TILE, area.ix // TILE
@@ -202,10 +245,13 @@ class HeightGrid:
             dense[area.slices(whole)] = values
             stored.write(whole, dense)
         tiles = np.s_[ty : ty + rows // TILE, tx : tx + columns // TILE]
-        observed = self.probability.cells[tiles] > 0
-        top = np.where(observed, self.height.cells[tiles].astype(np.int32) + TOP_BIAS, 0)
-        self.tile_top[tiles] = top.max(axis=(2, 3))
-        self.tile_changed[tiles] = 1
+        is_observed = self.probability.cells[tiles] > 0
+        biased = np.where(is_observed, self.height.cells[tiles].astype(np.int32) + TOP_BIAS, 0)
+        top = biased.max(axis=(2, 3))
+        self.observed[4] -= np.count_nonzero(self.tile_top[tiles])
+        _include(self.observed, top > 0, tiles)
+        self.tile_top[tiles] = top
+        self.mark_changed(tiles)
 
     def _area_of(self, geometry: Geometry) -> Area:
         if not np.isclose(geometry.resolution, self.geometry.resolution, rtol=1e-6):
@@ -216,7 +262,23 @@ class HeightGrid:
         ix, iy = np.rint(exact).astype(int)
         if np.abs(exact - (ix, iy)).max() > 0.01:
             raise ValueError(f"origin {geometry.origin} is not on a cell boundary of the grid")
+        if geometry.ground_zero != self.geometry.ground_zero:
+            raise ValueError(
+                f"ground zero is at {geometry.ground_zero} m, the grid's at "
+                f"{self.geometry.ground_zero} m"
+            )
         area = Area(int(iy), int(ix), *geometry.shape)
         if area.within(self.area) != area:
             raise ValueError("reaches beyond the extent of the grid (parameter grid.extent)")
         return area
+
+
+def _include(
+    bounds: NDArray[np.int64], chosen: NDArray[np.bool_], tiles: tuple[slice, slice]
+) -> None:
+    """Extend bounds, as of `HeightGrid.observed`, by the chosen ones of a rectangle of tiles."""
+    found = np.argwhere(chosen) + (tiles[0].start, tiles[1].start)
+    if len(found):
+        bounds[:2] = np.minimum(bounds[:2], found.min(axis=0))
+        bounds[2:4] = np.maximum(bounds[2:4], found.max(axis=0))
+        bounds[4] += len(found)

@@ -8,7 +8,7 @@ and `HeightMap` is what is saved, published, converted to obstacles and drawn.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,7 +19,7 @@ HEIGHT_RESOLUTION = 0.01
 """One step of a stored height [m]: int16 centimetres, as in the paper."""
 
 HEIGHT_LIMIT = 32700
-"""Largest stored height [cm]: the paper's +-327 m."""
+"""Largest stored height [cm]: the paper's +-327 m. Readings beyond it are not stored."""
 
 PROBABILITY_SCALE = 65535
 """Stored value of probability 1."""
@@ -27,8 +27,28 @@ PROBABILITY_SCALE = 65535
 PROBABILITY_THRESHOLD = MapperParams().probability_threshold
 """Cells believed less than this are unknown, by default."""
 
+FLOAT32_REACH = 4096.0
+"""Coordinates up to here keep a quarter of a millimetre in single precision [m]."""
+
 Cell = tuple[int, int]
 """Row and column, (iy, ix)."""
+
+
+def local_origin(position: ArrayLike) -> NDArray[np.float64]:
+    """Origin (3,) [m] for coordinates in single precision around a position (3,) [m].
+
+    Zero where that is near enough, otherwise the position in whole metres.
+
+    Examples
+    --------
+    >>> local_origin((120.0, -80.0, 2500.0))
+    array([0., 0., 0.])
+    >>> local_origin((500_000.4, 4_500_000.0, 2500.3)).tolist()
+    [500000.0, 4500000.0, 2500.0]
+    """
+    exact = np.asarray(position, np.float64)
+    is_near = (np.abs(exact) <= FLOAT32_REACH).all()
+    return np.zeros(3) if is_near else np.floor(exact + 0.5)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,11 +62,14 @@ class Geometry:
         The outer corner of cell (0, 0).
     shape : (rows, columns)
         Rows along y, columns along x.
+    ground_zero : float [m], map
+        z of height 0.
     """
 
     resolution: float
     origin: tuple[float, float]
     shape: tuple[int, int]
+    ground_zero: float = 0.0
 
     def cell_at(self, point: ArrayLike) -> NDArray[np.int64]:
         """Cell (..., 2) as (iy, ix) that contains a point (..., 2) as (x, y) [m]; unbounded."""
@@ -70,7 +93,7 @@ class Geometry:
     def part(self, area: Area) -> Geometry:
         """The geometry of a part of these cells."""
         x, y = self.cell_corner((area.iy, area.ix))
-        return Geometry(resolution=self.resolution, origin=(float(x), float(y)), shape=area.shape)
+        return replace(self, origin=(float(x), float(y)), shape=area.shape)
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,9 +233,9 @@ class HeightMap:
 
     @property
     def metres(self) -> NDArray[np.float64]:
-        """(rows, columns) float64 [m]: heights, NaN where unknown."""
+        """(rows, columns) float64 [m], map: z of the surface, NaN where unknown."""
         heights = np.multiply(self.height, HEIGHT_RESOLUTION, dtype=np.float64)
-        return np.where(self.known, heights, np.nan)
+        return np.where(self.known, heights + self.geometry.ground_zero, np.nan)
 
 
 def stored_probability(probability: float) -> int:

@@ -153,12 +153,15 @@ def _geometry(info: Any) -> Geometry:
         raise InputError(f"info.resolution: {resolution:g} m is not the side of a cell")
     if not (info.width and info.height):
         raise InputError(f"info: {info.width} x {info.height} cells are no map")
-    x, y, _, *rotation = _coordinates(info.origin.position, info.origin.orientation, "info.origin")
+    x, y, z, *rotation = _coordinates(info.origin.position, info.origin.orientation, "info.origin")
     if abs(rotation[3]) < 1.0 - 1e-6:
         raise InputError("info.origin: the map is turned")
     # The resolution is a float32 there: 0.1 is not the 0.1 that the cells were made with.
     return Geometry(
-        resolution=float(f"{resolution:.7g}"), origin=(x, y), shape=(info.height, info.width)
+        resolution=float(f"{resolution:.7g}"),
+        origin=(x, y),
+        shape=(info.height, info.width),
+        ground_zero=z,
     )
 
 

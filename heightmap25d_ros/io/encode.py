@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heightmap25d_ros import se3
+from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.grid.height_map import (
     HEIGHT_RESOLUTION,
     PROBABILITY_SCALE,
@@ -69,7 +70,12 @@ def fill_height_grid(message: Any, height_map: HeightMap, stamp: int, frame_id: 
 
 
 def fill_height_points(
-    message: Any, point_field: Any, height_map: HeightMap, stamp: int, frame_id: str
+    message: Any,
+    point_field: Any,
+    height_map: HeightMap,
+    stamp: int,
+    frame_id: str,
+    origin: Array | None = None,
 ) -> None:
     """Fill a sensor_msgs/PointCloud2 with the tops of the known cells.
 
@@ -81,13 +87,16 @@ def fill_height_points(
     height_map : HeightMap
     stamp : int [ns]
     frame_id : str
+    origin : (3,) float64 [m], map
+        Position of that frame, as of `local_origin`: float32 has steps of 0.5 m at 5000 km.
     """
     fill_header(message.header, stamp, frame_id)
     cells = np.argwhere(height_map.known)
     iy, ix = cells.T
     points = np.empty((len(cells), 4), dtype="<f4")
-    points[:, :2] = height_map.geometry.cell_center(cells)
-    points[:, 2] = height_map.height[iy, ix] * HEIGHT_RESOLUTION
+    x, y, z = (0.0, 0.0, 0.0) if origin is None else origin
+    points[:, :2] = height_map.geometry.cell_center(cells) - (x, y)
+    points[:, 2] = height_map.metres[iy, ix] - z
     points[:, 3] = height_map.probability[iy, ix] / PROBABILITY_SCALE
     message.height, message.width = 1, len(points)
     message.fields = [
@@ -134,8 +143,10 @@ def fill_grid_map(
     centre.position.x = geometry.origin[0] + message.info.length_x / 2
     centre.position.y = geometry.origin[1] + message.info.length_y / 2
     centre.orientation.w = 1.0
-    elevation = np.where(height_map.known, height_map.height * HEIGHT_RESOLUTION, np.nan)
-    layers = {"elevation": elevation, "probability": height_map.probability / PROBABILITY_SCALE}
+    layers = {
+        "elevation": height_map.metres,
+        "probability": height_map.probability / PROBABILITY_SCALE,
+    }
     message.layers, message.basic_layers = list(layers), ["elevation"]
     for values in layers.values():
         data = multi_array(data=_array("f", values[::-1, ::-1].astype(np.float32)))
@@ -231,12 +242,15 @@ def fill_header(message: Any, stamp: int, frame_id: str) -> None:
 
 
 def _fill_info(message: Any, geometry: Geometry, stamp: int) -> None:
-    """nav_msgs/MapMetaData: the origin is the outer corner of cell (0, 0), without rotation."""
+    """nav_msgs/MapMetaData: the origin is the outer corner of cell (0, 0), without rotation.
+
+    Its z is ground zero.
+    """
     _fill_stamp(message.map_load_time, stamp)
     message.resolution = float(geometry.resolution)
     message.height, message.width = (int(side) for side in geometry.shape)
     message.origin.position.x, message.origin.position.y = map(float, geometry.origin)
-    message.origin.position.z = 0.0
+    message.origin.position.z = float(geometry.ground_zero)
     message.origin.orientation.x = message.origin.orientation.y = 0.0
     message.origin.orientation.z, message.origin.orientation.w = 0.0, 1.0
 

@@ -37,6 +37,9 @@ from heightmap25d_ros.terrain.traversability import ObstacleMap, to_obstacle_map
 
 FORMAT_VERSION = 1
 
+FORMAT_VERSION_OFFSET = 2
+"""Of a map with a ``z_offset``, whose heights a reader of version 1 would take for z."""
+
 MAX_CELLS = 2**30
 """A larger map is refused unread; so is one of which 16 bytes a cell exceed the memory."""
 
@@ -137,6 +140,9 @@ def save(
             f"were observed, none with a probability of {height_map.probability_threshold:g})"
         )
     obstacle_map = to_obstacle_map(height_map) if obstacle_map is None else obstacle_map
+    offset = height_map.geometry.ground_zero
+    optional: dict[str, Any] = {"z_offset": np.float64(offset)} if offset else {}
+    version = FORMAT_VERSION_OFFSET if optional else FORMAT_VERSION
     with atomic_directory.replacing(directory) as temporary:
         (temporary / MAP_YAML).write_text(map_yaml(height_map.geometry), encoding="utf-8")
         (temporary / MAP_PGM).write_bytes(map_pgm(obstacle_map.occupancy))
@@ -149,7 +155,8 @@ def save(
             resolution=np.float64(height_map.geometry.resolution),
             origin=np.array(height_map.geometry.origin, np.float64),
             frame_id=np.array(frame_id),
-            format_version=np.int64(FORMAT_VERSION),
+            format_version=np.int64(version),
+            **optional,
         )
         if trajectory:
             write_tum(temporary / TRAJECTORY, trajectory)
@@ -172,9 +179,13 @@ def load(directory: Path | str, probability_threshold: float = PROBABILITY_THRES
     path = Path(directory) / HEIGHT_GRID
     with as_input_error(str(path)), zipfile.ZipFile(path) as archive:
         version = int(_read_field(archive, path, "format_version"))
-        if version != FORMAT_VERSION:
-            raise InputError(f"{path}: format_version is {version}, not {FORMAT_VERSION}")
-        fields = {name: _read_field(archive, path, name) for name in _FIELDS}
+        if version not in (FORMAT_VERSION, FORMAT_VERSION_OFFSET):
+            raise InputError(
+                f"{path}: format_version is {version}, neither {FORMAT_VERSION} nor "
+                f"{FORMAT_VERSION_OFFSET}"
+            )
+        names = [name for name in _FIELDS if name != "z_offset" or version != FORMAT_VERSION]
+        fields = {name: _read_field(archive, path, name) for name in names}
     return _checked(path, fields, probability_threshold)
 
 
@@ -234,6 +245,7 @@ _FIELDS: Mapping[str, tuple[tuple[str, ...], int]] = {
     "resolution": (("f",), 0),
     "origin": (("f",), 1),
     "frame_id": (("U",), 0),
+    "z_offset": (("f",), 0),
 }
 
 
@@ -269,7 +281,7 @@ def _checked(path: Path, fields: dict[str, NDArray[Any]], threshold: float) -> L
     """The map made of its fields, once all of them are found right."""
     height, probability = fields["height"], fields["probability"]
     resolution, scale = float(fields["resolution"]), float(fields["probability_scale"])
-    frame_id = str(fields["frame_id"])
+    frame_id, offset = str(fields["frame_id"]), float(fields.get("z_offset", np.array(0.0)))
     believed = probability if probability.dtype.kind == "f" else probability * np.float32(scale)
     for fault, found in {
         "height is empty": height.size == 0,
@@ -280,6 +292,7 @@ def _checked(path: Path, fields: dict[str, NDArray[Any]], threshold: float) -> L
         "resolution is not a positive length": not 0.0 < resolution < math.inf,
         "origin is not two finite coordinates": fields["origin"].shape != (2,)
         or not np.isfinite(fields["origin"]).all(),
+        "z_offset is not finite": not math.isfinite(offset),
         "frame_id is empty": not frame_id,
         "height holds values beyond the limit": height.size > 0
         and max(int(height.max()), -int(height.min())) > HEIGHT_LIMIT,
@@ -291,7 +304,10 @@ def _checked(path: Path, fields: dict[str, NDArray[Any]], threshold: float) -> L
             raise InputError(f"{path}: {fault}")
     x, y = fields["origin"]
     geometry = Geometry(
-        resolution=resolution, origin=(float(x), float(y)), shape=(height.shape[0], height.shape[1])
+        resolution=resolution,
+        origin=(float(x), float(y)),
+        shape=(height.shape[0], height.shape[1]),
+        ground_zero=offset,
     )
     height_map = HeightMap(
         geometry=geometry,

@@ -8,6 +8,7 @@ the next one is mature already, and drift within one of them stays small.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -90,15 +91,16 @@ class ShortTermMap:
         )  # fmt: skip
 
     def height_map(self) -> HeightMap:
-        """The map in odom, on a lattice of its own; heights are relative to z = 0 of odom."""
+        """The map in odom, on a lattice of its own, above a ground zero in whole metres."""
         height_map = self._grid.read(self._threshold)
         x, y, z = self._start
         geometry = height_map.geometry
         origin = (geometry.origin[0] + float(x), geometry.origin[1] + float(y))
-        shift = np.int16(round(z / HEIGHT_RESOLUTION))
+        ground_zero = math.floor(z + 0.5)
+        shift = np.int16(round((z - ground_zero) / HEIGHT_RESOLUTION))
         return replace(
             height_map,
-            geometry=replace(geometry, origin=origin),
+            geometry=replace(geometry, origin=origin, ground_zero=float(ground_zero)),
             height=np.where(height_map.probability > 0, height_map.height + shift, 0).astype(
                 np.int16
             ),

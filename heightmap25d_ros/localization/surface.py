@@ -28,8 +28,8 @@ class Surface:
 
     Attributes
     ----------
-    heights : (rows, columns) float32 [m]
-        NaN where unknown.
+    heights : (rows, columns) float32 [m], map
+        z of the surface, NaN where unknown.
     is_edge : (rows, columns) bool
     origin : (2,) float [m], map
         The outer corner of cell (0, 0).
@@ -60,6 +60,7 @@ def surface_of(height_map: HeightMap, edge_step: float) -> Surface:
     heights[~height_map.known] = np.nan
     geometry = height_map.geometry
     is_edge = edges(heights, edge_step)
+    heights += np.float32(geometry.ground_zero)
     return Surface(heights, is_edge, geometry.origin, geometry.resolution)
 
 

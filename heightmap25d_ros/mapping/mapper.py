@@ -4,8 +4,8 @@
 
 A beam clears the cells that it passes over (`_clear`) and updates the cell in which it ends, both
 with `cell_update`. Inside the kernels x and y are counted in cells from the grid's corner, z in
-centimetres, and the distance along a beam in ticks: integers, which add up without rounding and
-faster than floats.
+centimetres above ground zero, and the distance along a beam in ticks: integers, which add up
+without rounding and faster than floats.
 
 The kernels take plain arrays, many of them, are inlined, divide by numpy's rules, which raise
 nothing, and leave a loop by one condition only. Otherwise numba counts references to the arrays
@@ -48,14 +48,14 @@ class Integrated(NamedTuple):
     ----------
     hits : int
         Returns that were merged into a cell.
-    clipped : int
-        Of these, the ones beyond +-327 m, stored as +-327 m.
+    out_of_range : int
+        Returns more than 327 m above or below ground zero, discarded.
     outside : int
         Returns beyond the extent of the grid, discarded.
     """
 
     hits: int
-    clipped: int
+    out_of_range: int
     outside: int
 
 
@@ -77,7 +77,7 @@ class Mapper:
     >>> T_base_sensor[2, 3] = 0.4
     >>> scan = Scan(angle_min=0.0, angle_increment=0.01, ranges=[2.0])
     >>> Mapper(grid).add_scan(scan, np.eye(4), T_base_sensor)
-    Integrated(hits=1, clipped=0, outside=0)
+    Integrated(hits=1, out_of_range=0, outside=0)
     >>> height_map = grid.read()
     >>> int(height_map.height[tuple(height_map.geometry.cell_at((2.0, 0.0)))])  # [cm]
     40
@@ -112,12 +112,14 @@ class Mapper:
         )
         cells = (grid.height, grid.probability, grid.candidate_height, grid.candidate_probability)
         self._constants = (
-            grid.geometry.origin,
+            (*grid.geometry.origin, grid.geometry.ground_zero),
             1.0 / grid.geometry.resolution,
             grid.tile_top.shape,
             *(array.cells.reshape(-1) for array in cells),
             grid.tile_top.reshape(-1),
             grid.tile_changed.reshape(-1),
+            grid.observed,
+            grid.changed,
             # Plain tuples: named ones cost numba three times as much, at each call.
             tuple(hit_model),
             tuple(miss_model),
@@ -163,11 +165,11 @@ class Mapper:
 def _integrate(  # noqa: PLR0913
     origins, ends, is_hit, is_lone, corner, cells_per_metre, tiles,
     heights, probabilities, candidate_heights, candidates, tile_top, tile_changed,
-    hit_model, miss_model, rule,
+    observed, changed, hit_model, miss_model, rule,
 ):  # fmt: skip
     """Integrate beams, shapes (N, 3), (N, 3), (N,); returns the counts of `Integrated`."""
     hit_model, miss_model, rule = Likelihoods(*hit_model), Likelihoods(*miss_model), Rule(*rule)
-    hits = clipped = outside = 0
+    hits = out_of_range = outside = 0
     rows, columns = tiles
     judged = _cells_hit(ends, is_hit, is_lone, corner, cells_per_metre, columns, rule)
     for beam in range(len(ends)):
@@ -185,13 +187,14 @@ def _integrate(  # noqa: PLR0913
         )
         _clear(
             origin, end, length, columns, heights, probabilities, candidate_heights, candidates,
-            tile_top, tile_changed, judged, miss_model, rule,
+            tile_top, tile_changed, changed, judged, miss_model, rule,
         )  # fmt: skip
         if not is_hit[beam]:
             continue
         z = int(np.floor(end[2] + 0.5))
-        clipped += abs(z) > HEIGHT_LIMIT
-        z = min(max(z, -HEIGHT_LIMIT), HEIGHT_LIMIT)
+        if abs(z) > HEIGHT_LIMIT:
+            out_of_range += 1
+            continue
         ix, iy = int(end[0]), int(end[1])
         tile = np.uint64(iy // TILE * columns + ix // TILE)
         cell = np.uint64(tile * np.uint64(_TILE_CELLS) + np.uint64(iy % TILE * TILE + ix % TILE))
@@ -200,19 +203,30 @@ def _integrate(  # noqa: PLR0913
         heights[cell], probabilities[cell] = after[0], after[1]
         if after[3] != 0 or before[3] != 0:  # a page without candidates takes no memory
             candidate_heights[cell], candidates[cell] = after[2], after[3]
-        if after[0] != before[0] or before[1] < rule.known:
+        if (after[0] != before[0] or before[1] < rule.known) and tile_changed[tile] == 0:
             tile_changed[tile] = 1
+            _include(iy // TILE, ix // TILE, changed)
+        if tile_top[tile] == 0:
+            _include(iy // TILE, ix // TILE, observed)
         tile_top[tile] = max(tile_top[tile], max(after[0], z) + TOP_BIAS)
         hits += 1
-    return hits, clipped, outside
+    return hits, out_of_range, outside
 
 
 @inlined_kernel
 def _in_cells(points, index, corner, cells_per_metre):
-    """A point [m] as x, y [cells] from the corner and z [cm]."""
+    """A point [m] as x, y [cells] from the corner (x, y, z) and z [cm]."""
     x = (points[index, 0] - corner[0]) * cells_per_metre
     y = (points[index, 1] - corner[1]) * cells_per_metre
-    return x, y, points[index, 2] * (1.0 / HEIGHT_RESOLUTION)
+    return x, y, (points[index, 2] - corner[2]) * (1.0 / HEIGHT_RESOLUTION)
+
+
+@inlined_kernel
+def _include(ty, tx, bounds):
+    """Extend bounds, as of `HeightGrid.observed`, by a tile."""
+    bounds[0], bounds[1] = min(bounds[0], ty), min(bounds[1], tx)
+    bounds[2], bounds[3] = max(bounds[2], ty), max(bounds[3], tx)
+    bounds[4] += 1
 
 
 @inlined_kernel
@@ -234,7 +248,7 @@ def _content(cell, heights, probabilities, candidate_heights, candidates):
 @inlined_kernel
 def _clear(  # noqa: PLR0913
     origin, end, length, columns, heights, probabilities, candidate_heights, candidates,
-    tile_top, tile_changed, judged, model, rule,
+    tile_top, tile_changed, changed, judged, model, rule,
 ):  # fmt: skip
     """Traverse the tiles between the ends of a beam, and in them the cells that may reach it.
 
@@ -264,7 +278,9 @@ def _clear(  # noqa: PLR0913
             z, fall / _TICKS, distance, metres,
             heights, probabilities, candidate_heights, candidates, judged, model, rule,
         ):  # fmt: skip
-            tile_changed[tile] = 1
+            if tile_changed[tile] == 0:
+                tile_changed[tile] = 1
+                _include(index // columns, index % columns, changed)
             tile_top[tile] = _top_of(
                 tile, heights, probabilities, candidate_heights, candidates, rule
             )

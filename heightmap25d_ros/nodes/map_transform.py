@@ -1,6 +1,10 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The transform map -> odom, published for as long as nobody else publishes it."""
+"""The transforms that the mapping node publishes.
+
+`MapTransform` is map -> odom, for as long as nobody else publishes it. `AnchorTransform` is the
+frame near a map that is far from zero.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +12,12 @@ import time
 from collections import deque
 from typing import Any
 
+import numpy as np
 from geometry_msgs.msg import TransformStamped
 from tf2_msgs.msg import TFMessage
 
 from heightmap25d_ros import se3
+from heightmap25d_ros.grid.height_map import local_origin
 from heightmap25d_ros.io import encode
 
 PERIOD = 0.05
@@ -63,4 +69,46 @@ class MapTransform:
             transform, T_map_odom, stamp_ns + AHEAD_NS, self._map_frame, odom_frame
         )
         self._own_stamps.append((transform.header.stamp.sec, transform.header.stamp.nanosec))
+        return TFMessage(transforms=[transform])
+
+
+def anchor_frame(map_frame: str) -> str:
+    """Name of the frame near a map that is far from zero."""
+    return f"{map_frame}_anchor"
+
+
+class AnchorTransform:
+    """The static transform from the map to a frame near what is mapped, where zero is far away.
+
+    Points in single precision have steps of 0.5 m at 5000 km: they are published in this frame.
+
+    Parameters
+    ----------
+    map_frame : str
+
+    Attributes
+    ----------
+    frame : str
+        Of points: the map's own where it serves.
+    origin : (3,) float64 [m], map
+        Position of that frame.
+    """
+
+    def __init__(self, map_frame: str) -> None:
+        self._map_frame = map_frame
+        self.frame = map_frame
+        self.origin = np.zeros(3)
+
+    def update(self, anchor: tuple[float, float, float], stamp_ns: int) -> Any:
+        """A TFMessage where the frame has moved for a map's anchor (x, y, z) [m]; else None."""
+        origin = local_origin(anchor)
+        if np.array_equal(origin, self.origin):
+            return None
+        self.origin = origin
+        self.frame = anchor_frame(self._map_frame) if origin.any() else self._map_frame
+        transform = TransformStamped()
+        T_map_anchor = np.eye(4)
+        T_map_anchor[:3, 3] = origin
+        child = anchor_frame(self._map_frame)
+        encode.fill_transform(transform, T_map_anchor, stamp_ns, self._map_frame, child)
         return TFMessage(transforms=[transform])

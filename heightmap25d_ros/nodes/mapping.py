@@ -26,7 +26,7 @@ from heightmap25d_ros.io import encode, map_directory
 from heightmap25d_ros.nodes import map_transform, qos, runtime
 from heightmap25d_ros.nodes.interface import Input, Output, Service
 from heightmap25d_ros.nodes.lifecycle import REPORT_PERIOD, ManagedNode
-from heightmap25d_ros.nodes.map_transform import MapTransform
+from heightmap25d_ros.nodes.map_transform import AnchorTransform, MapTransform
 from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.mapping import Mapping, compile_kernels
 from heightmap25d_ros.pipelines.scan_queue import Reading
@@ -80,8 +80,9 @@ class MappingNode(ManagedNode):
         ]  # fmt: skip
 
     def outputs(self) -> list[Output]:
-        """The maps, and map -> odom where nobody else publishes it."""
+        """The maps and their frame, and map -> odom where nobody else publishes it."""
         maps = [Output(kind, topic, qos.LATCHED) for topic, kind in _MAPS.items()]
+        maps.append(Output(TFMessage, "/tf_static", qos.STATIC_TRANSFORMS))
         is_wanted = self.params.mapping.publish_transform
         return [*maps, *([Output(TFMessage, "/tf", qos.POSES)] if is_wanted else [])]
 
@@ -101,6 +102,7 @@ class MappingNode(ManagedNode):
         self._version = 0  # of the map: counts merges, loads and clears
         self._saved = 0
         self._published: dict[str, int] = {}
+        self._anchor = AnchorTransform(self._frame)
         self._latency_ms = 0.0
         if self.params.mapping.autosave:
             self._path(self.params.mapping.autosave)  # a wrong name is an error now, not at the end
@@ -182,6 +184,9 @@ class MappingNode(ManagedNode):
             self.publish("/tf", message)
 
     def _publish(self) -> None:
+        moved = self._anchor.update(self._mapping.grid.anchor, self._mapping.stamp_ns)
+        if moved is not None:
+            self.publish("/tf_static", moved)
         due = [
             topic
             for topic in _MAPS
@@ -209,7 +214,8 @@ class MappingNode(ManagedNode):
             encode.fill_height_grid(message, height_map, stamp, self._frame)
         elif topic == "height_points":
             message = PointCloud2()
-            encode.fill_height_points(message, PointField, height_map, stamp, self._frame)
+            frame, origin = self._anchor.frame, self._anchor.origin
+            encode.fill_height_points(message, PointField, height_map, stamp, frame, origin)
         elif topic == "grid_map":
             message = GridMap()
             encode.fill_grid_map(

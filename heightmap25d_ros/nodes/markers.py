@@ -9,13 +9,17 @@ from typing import Any
 
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2, PointField
+from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker
 
 from heightmap25d_msgs.msg import HeightGrid
+from heightmap25d_ros.arrays import Array
+from heightmap25d_ros.grid.height_map import local_origin
 from heightmap25d_ros.io import decode, encode
 from heightmap25d_ros.nodes import qos, runtime
 from heightmap25d_ros.nodes.interface import Input, Output
 from heightmap25d_ros.nodes.lifecycle import ManagedNode
+from heightmap25d_ros.nodes.map_transform import anchor_frame
 from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.terrain.traversability import to_obstacle_map
 from heightmap25d_ros.viz import marker_cdr, markers
@@ -30,8 +34,11 @@ class MarkersNode(ManagedNode):
     PARAMETERS = ("traversability",)
 
     def inputs(self) -> list[Input]:
-        """The map."""
-        return [Input(HeightGrid, "height_grid", self._on_map, qos.LATCHED, is_needed=True)]
+        """The map, and its frame for coordinates in single precision."""
+        return [
+            Input(HeightGrid, "height_grid", self._on_map, qos.LATCHED, is_needed=True),
+            Input(TFMessage, "/tf_static", self._on_transforms, qos.STATIC_TRANSFORMS),
+        ]
 
     def outputs(self) -> list[Output]:
         """What RViz shows of it."""
@@ -45,6 +52,7 @@ class MarkersNode(ManagedNode):
         self._dropped = Drops()
         self._newest: HeightGrid | None = None
         self._shown: dict[str, HeightGrid] = {}
+        self._anchors: dict[str, Array] = {}  # their positions in their parents, by name
 
     def start(self) -> None:
         """Show the map now and then."""
@@ -65,6 +73,12 @@ class MarkersNode(ManagedNode):
     def _on_map(self, message: HeightGrid) -> None:
         self._newest = message
 
+    def _on_transforms(self, message: TFMessage) -> None:
+        heard = self._dropped.decoded("transforms", decode.transforms, message)
+        for transform in heard or ():
+            if transform.child == anchor_frame(transform.parent):
+                self._anchors[transform.child] = transform.T[:3, 3]
+
     def _show(self) -> None:
         grid = self._newest
         if grid is None:
@@ -79,18 +93,27 @@ class MarkersNode(ManagedNode):
     def _frontier(self, grid: HeightGrid) -> PointCloud2:
         height_map, stamp = decode.height_map(grid), decode.stamp_ns(grid.header)
         obstacles = to_obstacle_map(height_map, self.params.traversability)
+        frame = grid.header.frame_id
+        origin = self._anchors.get(anchor_frame(frame))
+        if origin is not None and origin.any():
+            frame = anchor_frame(frame)
         cloud = PointCloud2()
-        encode.fill_height_points(
-            cloud, PointField, markers.frontier(height_map, obstacles), stamp, grid.header.frame_id
-        )
+        shown = markers.frontier(height_map, obstacles)
+        encode.fill_height_points(cloud, PointField, shown, stamp, frame, origin)
         return cloud
 
     def _blocks(self, grid: HeightGrid) -> bytes:
-        corners, colours = markers.blocks(decode.height_map(grid))
+        height_map = decode.height_map(grid)
+        corners, colours = markers.blocks(height_map)
+        geometry = height_map.geometry
+        origin = local_origin((*geometry.origin, geometry.ground_zero))
         marker = Marker(header=grid.header, ns="blocks", type=Marker.TRIANGLE_LIST)
         marker.scale.x = marker.scale.y = marker.scale.z = 1.0
         marker.color.a = 1.0
-        return marker_cdr.with_faces(marker, serialize_message(marker), corners, colours)
+        # RViz takes the pose in double precision, and the points in single.
+        place = marker.pose.position
+        place.x, place.y, place.z = origin.tolist()
+        return marker_cdr.with_faces(marker, serialize_message(marker), corners - origin, colours)
 
 
 def main() -> int:

@@ -9,10 +9,11 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.grid.height_grid import TILE, HeightGrid
+from heightmap25d_ros.grid.height_grid import TILE, HeightGrid, anchor_at
 from heightmap25d_ros.grid.height_map import Area, HeightMap
 from heightmap25d_ros.io import decode
 from heightmap25d_ros.io.decode import Odometry
@@ -83,16 +84,27 @@ class Mapping:
         self._is_lost = False
         self.clear()
 
-    def clear(self, content: HeightMap | None = None) -> None:
+    def clear(self, content: HeightMap | None = None, start: ArrayLike = (0.0, 0.0, 0.0)) -> None:
         """Start a new map, empty or with a loaded map in it.
+
+        Parameters
+        ----------
+        content : HeightMap, optional
+            The grid is anchored in its middle, with its ground zero.
+        start : (3,) float64 [m], map
+            Otherwise, where the grid is anchored: `anchor_at`.
 
         Raises
         ------
         ValueError
             If the content does not fit the grid; the running map stays.
         """
-        grid = HeightGrid(self._params.grid)
-        if content is not None:
+        if content is None:
+            grid = HeightGrid(self._params.grid, anchor_at(start, self._params.grid.resolution))
+        else:
+            x, y = content.geometry.cell_corner(np.floor_divide(content.geometry.shape, 2))
+            anchor = (float(x), float(y), content.geometry.ground_zero)
+            grid = HeightGrid(self._params.grid, anchor)
             grid.write(content)
         self.grid = grid
         self._has_begun = False
@@ -178,10 +190,7 @@ class Mapping:
     def size(self) -> Size:
         """How large the map is now."""
         area = self.grid.observed_area()
-        ty, tx = area.iy // TILE, area.ix // TILE
-        tops = self.grid.tile_top[ty : ty + area.rows // TILE, tx : tx + area.columns // TILE]
-        cells = int(np.count_nonzero(tops)) * TILE**2
-        return Size(area.columns, area.rows, cells * _BYTES_OF_CELL)
+        return Size(area.columns, area.rows, self.grid.observed_cells * _BYTES_OF_CELL)
 
     def _merge(self, readings: list[Reading]) -> list[Reading]:
         if self._is_lost and readings:
@@ -201,17 +210,23 @@ class Mapping:
             )
             self.merged["scans"] += 1
             self.merged["returns"] += result.hits
-            self.dropped.record("return: height clipped to +-327 m", count=result.clipped)
+            self.dropped.record(
+                "return: more than 327 m from ground zero", count=result.out_of_range
+            )
             self.dropped.record("return: beyond grid.extent", count=result.outside)
             self.stamp_ns = reading.scan.stamp_ns
         return readings
 
     def _begin(self, T_map_base: se3.Matrix) -> None:
-        """Put the ground that no laser sees under and around the robot into a map without any."""
+        """Anchor an empty map at the robot, on ground that no laser sees under and around it."""
+        if not self.grid.observed_cells:
+            self.clear(start=T_map_base[:3, 3])
+            radius = self._params.mapping.start_radius
+            if radius > 0.0:
+                self._mapper.integrate(
+                    _ground_around(T_map_base, radius, self._params.grid.resolution)
+                )
         self._has_begun = True
-        radius = self._params.mapping.start_radius
-        if radius > 0.0 and not self.grid.observed_area().rows:
-            self._mapper.integrate(_ground_around(T_map_base, radius, self._params.grid.resolution))
 
 
 def _ground_around(T_map_base: se3.Matrix, radius: float, resolution: float) -> sensor_model.Beams:

@@ -33,7 +33,7 @@ class TransitionGraph:
     Attributes
     ----------
     geometry : Geometry
-    height : (rows, columns) float32 [m]
+    height : (rows, columns) float32 [m] above ground zero
         Of the ground; in unknown cells that of the nearest known cell.
     gradient : (2, rows, columns) float32
         Of the ground under the footprint, along x and y, as tangents.
@@ -171,7 +171,7 @@ def transition_graph(
 
 
 def _extrapolated(height_map: HeightMap) -> NDArray[np.float32]:
-    """(rows, columns) float32 [m]: heights; in unknown cells that of the nearest known cell."""
+    """(rows, columns) float32 [m] above ground zero; in unknown cells of the nearest known one."""
     # Not `HeightMap.metres`: the product in single precision differs in the last bit.
     height = height_map.height * np.float32(HEIGHT_RESOLUTION)
     known = height_map.known

@@ -41,7 +41,8 @@ def on_surface(
     poses[:, :3, 0], poses[:, :3, 1], poses[:, :3, 2] = ahead, np.cross(up, ahead), up
     poses[:, 0, 3] = x0 + points[:, 1] * resolution
     poses[:, 1, 3] = y0 + points[:, 0] * resolution
-    poses[:, 2, 3] = _smoothed(interpolated(graph.height[None], points)[0], reach)
+    height = _smoothed(interpolated(graph.height[None], points)[0], reach)
+    poses[:, 2, 3] = height + graph.geometry.ground_zero
     return poses
 
 

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,13 +111,12 @@ def coarser(shown: HeightMap, max_cells: int) -> HeightMap:
     height = np.pad(np.where(shown.known, shown.height, lowest), fill, constant_values=lowest)
     shape = height.shape[0] // factor, height.shape[1] // factor
     merged = height.reshape(shape[0], factor, shape[1], factor).max(axis=(1, 3))
-    return HeightMap(
-        geometry=Geometry(
-            resolution=shown.geometry.resolution * factor, origin=shown.geometry.origin, shape=shape
-        ),
+    resolution = shown.geometry.resolution * factor
+    return replace(
+        shown,
+        geometry=replace(shown.geometry, resolution=resolution, shape=shape),
         height=merged,
         probability=np.where(merged > lowest, np.uint16(PROBABILITY_SCALE), np.uint16(0)),
-        probability_threshold=shown.probability_threshold,
     )
 
 

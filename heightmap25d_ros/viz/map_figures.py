@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -201,11 +202,11 @@ def observed_part(shown: HeightMap) -> HeightMap:
     """The bounding box of the known cells of a map, with a margin of two cells."""
     area = _bounding_area(shown.known)
     part = area.slices(_whole(shown.geometry))
-    return HeightMap(
+    return replace(
+        shown,
         geometry=shown.geometry.part(area),
         height=shown.height[part],
         probability=shown.probability[part],
-        probability_threshold=shown.probability_threshold,
     )
 
 

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heightmap25d_ros import se3
+from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, HeightMap
+from heightmap25d_ros.grid.height_map import HeightMap, local_origin
 from heightmap25d_ros.params.sections import PlannerParams, TraversabilityParams
 from heightmap25d_ros.terrain.traversability import OCCUPIED, to_obstacle_map
 from heightmap25d_ros.viz import markers
@@ -40,6 +41,9 @@ _EYE = (-0.12, -0.55, 0.45)
 class Scene3d:
     """The scene of a viewer; each call replaces objects of its kind from the current time on.
 
+    The viewer works in single precision. Far from zero, all is shown relative to the
+    `local_origin` of what is shown first.
+
     Parameters
     ----------
     title : str
@@ -62,6 +66,7 @@ class Scene3d:
         self._title = title
         self._corners = np.zeros((1, 3))  # of the newest map's blocks
         self._has_time = False
+        self._origin: Array | None = None
         self._recording = rerun.RecordingStream("heightmap25d", recording_id=title)
         if path is not None:
             self._recording.save(path)
@@ -108,6 +113,7 @@ class Scene3d:
     def show_map(self, height_map: HeightMap) -> None:
         """Show a map: blocks, and obstacles and frontier cells as points on their tops."""
         corners, colours = markers.blocks(height_map)
+        corners = self._local(corners)
         self._corners = corners.reshape(-1, 3) if len(corners) else self._corners
         first = 4 * np.arange(len(corners))[:, None]
         triangles = (first[:, :, None] + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
@@ -125,20 +131,30 @@ class Scene3d:
             ("map/obstacles", occupied, _OBSTACLE),
             ("map/frontier", frontier, _FRONTIER),
         ):
-            tops = _tops(height_map, cells)
+            tops = self._local(_tops(height_map, cells))
             self._log(name, rerun.Points3D(tops, colors=colour, radii=radius))
 
     def show_trajectory(self, positions: NDArray[np.float64]) -> None:
         """Show the trajectory of the robot: (N, 3) [m], map."""
-        self._log("trajectory", rerun.LineStrips3D([positions], colors=_TRAJECTORY, radii=0.03))
+        self._log(
+            "trajectory",
+            rerun.LineStrips3D([self._local(positions)], colors=_TRAJECTORY, radii=0.03),
+        )
 
     def show_robot(self, T_map_base: se3.Matrix) -> None:
         """Show the robot at a pose."""
-        pose = rerun.Transform3D(translation=T_map_base[:3, 3], mat3x3=T_map_base[:3, :3])
+        position = self._local(T_map_base[:3, 3])
+        pose = rerun.Transform3D(translation=position, mat3x3=T_map_base[:3, :3])
         box = rerun.Boxes3D(
             sizes=[self._size], centers=[(0.0, 0.0, _BODY_HEIGHT / 2)], colors=_ROBOT
         )
         self._log("robot", pose, box)
+
+    def _local(self, points: Array) -> Array:
+        """Points (..., 3) [m], map, relative to the origin of the scene."""
+        if self._origin is None and points.size:
+            self._origin = local_origin(points.reshape(-1, 3)[0])
+        return points if self._origin is None else points - self._origin
 
     def _log(self, name: str, *content: object) -> None:
         self._recording.log(name, *content, static=not self._has_time)
@@ -149,5 +165,5 @@ def _tops(height_map: HeightMap, chosen: NDArray[np.bool_]) -> NDArray[np.float6
     cells = np.argwhere(chosen)
     return np.column_stack([
         height_map.geometry.cell_center(cells),
-        height_map.height[tuple(cells.T)] * HEIGHT_RESOLUTION,
+        height_map.metres[tuple(cells.T)],
     ])  # fmt: skip

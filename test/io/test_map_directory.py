@@ -260,7 +260,9 @@ def rewritten(directory: Path, **changes: Any) -> None:
     [
         ({"height": None}, "height is missing"),
         ({"format_version": None}, "format_version is missing"),
-        ({"format_version": 2}, "format_version is 2, not 1"),
+        ({"format_version": 3}, "format_version is 3, neither 1 nor 2"),
+        ({"format_version": 2}, "z_offset is missing"),
+        ({"format_version": 2, "z_offset": np.inf}, "z_offset is not finite"),
         ({"format_version": np.array([1])}, "format_version is an array"),
         ({"height": np.zeros((2, 3), np.int32)}, "height is an array"),
         ({"height": np.zeros((2, 3, 1), np.int16)}, "height is an array"),

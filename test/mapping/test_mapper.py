@@ -324,12 +324,13 @@ def test_probabilities_stay_within_their_bounds(rule):
     assert len(stored) > 500
 
 
-def test_heights_beyond_the_range_of_int16_are_clipped_and_counted():
+def test_heights_that_cannot_be_stored_are_counted_and_not_stored():
     m = mapper(sensor=SensorParams(max_range=200.0))
-    result = m.integrate(beams((0, 0, 400), [(1, 1, 350), (2, 2, -400), (3, 3, 10)]))
-    assert (result.hits, result.clipped) == (3, 2)
-    assert cell(m, 1, 1)[0] == 32700
-    assert cell(m, 2, 2)[0] == -32700
+    ends = [(1, 1, 350), (2, 2, -400), (3, 3, 10), (4, 4, 327), (5, 5, -327)]
+    result = m.integrate(beams((0, 0, 400), ends))
+    assert (result.hits, result.out_of_range) == (3, 2)
+    assert [cell(m, *xy)[:2] for xy in ((1, 1), (2, 2))] == [(0, 0), (0, 0)]
+    assert [cell(m, *xy)[0] for xy in ((3, 3), (4, 4), (5, 5))] == [1000, 32700, -32700]
 
 
 def test_returns_beyond_the_extent_are_counted_and_do_no_harm():

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 import yaml
 from bag_writer import odometry, rclpy_type
-from geometry_msgs.msg import PoseArray, PoseStamped
+from geometry_msgs.msg import PoseArray, PoseStamped, TransformStamped
 from grid_messages import grid
 from node_client import LATCHED, Client, node_process
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from repository import ROOT
 from sensor_msgs.msg import PointCloud2
+from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker
 
 CONFIG = ROOT / "rviz" / "heightmap25d.rviz"
@@ -143,6 +144,35 @@ def test_blocks_and_frontier_come_to_whoever_subscribes():
         client.publish("height_grid", grid(heights + 100.0), LATCHED)
         client.wait(lambda: max(p.z for p in client.newest["markers/blocks"].points) > 1.2)
     client.close()
+
+
+def test_far_from_zero_blocks_and_frontier_are_told_near_an_offset():
+    place = 500_000.0, 4_500_000.0, 2500.0
+    anchor = TransformStamped(child_frame_id="map_anchor")
+    anchor.header.frame_id = "map"
+    offset = anchor.transform.translation
+    offset.x, offset.y, offset.z = place
+    anchor.transform.rotation.w = 1.0
+    message = grid(np.array([[0.0, 30.0], [np.nan, 0.0]]), place[:2])
+    message.info.origin.position.z = place[2]
+    client = Client("/far")
+    client.subscribe("markers/blocks", Marker)
+    client.subscribe("markers/frontier", PointCloud2)
+    with node_process("markers", namespace="/far"):
+        client.publish("/tf_static", TFMessage(transforms=[anchor]), LATCHED)
+        client.spin(0.5)
+        client.publish("height_grid", message, LATCHED)
+        client.wait(lambda: len(client.newest) == 2)
+    client.close()
+    blocks, frontier = client.newest["markers/blocks"], client.newest["markers/frontier"]
+    assert (blocks.header.frame_id, frontier.header.frame_id) == ("map", "map_anchor")
+    position = blocks.pose.position
+    assert (position.x, position.y, position.z) == place
+    assert {point.x for point in blocks.points} == {0.0, 0.125, 0.25}
+    assert max(point.z for point in blocks.points) == pytest.approx(0.3)
+    cloud = np.frombuffer(frontier.data.tobytes(), np.float32).reshape(-1, 4)
+    np.testing.assert_allclose(cloud[:, 2], 0.0)
+    np.testing.assert_array_equal(cloud[:, :2], [[0.0625, 0.0625], [0.1875, 0.1875]])
 
 
 def test_field_of_the_plan_is_published_to_whoever_subscribes():

@@ -19,6 +19,7 @@ from PIL import Image
 from repository import BAGS, ROOT
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from std_srvs.srv import Trigger
+from tf2_msgs.msg import TFMessage
 
 from heightmap25d_msgs.srv import LoadMap, SaveMap
 from heightmap25d_ros import cli
@@ -301,3 +302,33 @@ def test_nothing_is_converted_or_published_without_a_listener_or_a_change(monkey
     assert conversions == [1]
     node.destroy_node()
     rclpy.shutdown(context=context)
+
+
+def test_far_from_zero_points_are_told_in_a_frame_nearby(tmp_path):
+    client = Client("/far")
+    client.subscribe("height_grid", MAPS["height_grid"])
+    client.subscribe("height_points", MAPS["height_points"])
+    client.subscribe("/tf_static", TFMessage)
+    start_ns = 1_700_000_000 * 10**9
+    place = 500_000.0, 4_500_000.0, 2500.25
+    with mapping_node(tmp_path, *MOUNT, namespace="/far"):
+        for milliseconds in (0, 20):
+            client.publish(
+                "odom", odometry(start_ns + milliseconds * MS, place, type_of=rclpy_type)
+            )
+        client.publish("scan", laser_scan(start_ns + 10 * MS, [2.0625], type_of=rclpy_type))
+        client.wait(lambda: len(client.newest) == 3)
+    client.close()
+    grid, points = client.newest["height_grid"], client.newest["height_points"]
+    assert grid.info.origin.position.z == 2500.0
+    assert (grid.header.frame_id, points.header.frame_id) == ("map", "map_anchor")
+    (transform,) = client.newest["/tf_static"].transforms
+    assert (transform.header.frame_id, transform.child_frame_id) == ("map", "map_anchor")
+    offset = transform.transform.translation
+    assert (offset.x, offset.y, offset.z) == (500_000.0, 4_500_000.0, 2500.0)
+    ((x, y, z, _),) = np.frombuffer(points.data.tobytes(), np.float32).reshape(-1, 4)
+    (index,) = np.flatnonzero(np.array(grid.probability))
+    iy, ix = divmod(int(index), grid.info.width)
+    assert x + offset.x == grid.info.origin.position.x + (ix + 0.5) * 0.125
+    assert y + offset.y == grid.info.origin.position.y + (iy + 0.5) * 0.125
+    assert z == pytest.approx(0.01 * grid.height[index], abs=1e-6)

@@ -108,11 +108,16 @@ def test_malformed_messages_are_counted_by_kind_and_field():
 
 def test_returns_that_do_not_fit_into_the_map_are_counted():
     m = mapping(**{"sensor.max_height": 327.0})
-    m.take_odometry(pose(0, x=30.0, z=400.0))
-    m.take_scan("scan", scan(0, 1.0, 1.0, 9.0, 9.0))
+    m.take_odometry(pose(0))
+    m.take_scan("scan", scan(0, 1.0))
+    m.take_odometry(pose(20, x=30.0, z=400.0))
+    m.take_scan("scan", scan(20, 1.0, 1.0, 9.0, 9.0))
     m.settle()
-    assert m.merged == {"scans": 1, "returns": 2}
-    assert m.dropped == {"return: height clipped to +-327 m": 2, "return: beyond grid.extent": 2}
+    assert m.merged == {"scans": 2, "returns": 1}
+    assert m.dropped == {
+        "return: more than 327 m from ground zero": 2, "return: beyond grid.extent": 2,
+    }  # fmt: skip
+    assert sorted(heights(m).values()) == [50]
 
 
 def test_before_the_first_scan_the_map_is_one_unknown_tile():

@@ -293,7 +293,7 @@ def test_posts_and_pits_in_every_place_of_a_tile(radius, limit):
     for y, x in [(0, 0), (0, 15), (15, 0), (15, 15), (6, 9)]:
         for height in (200, 0, -200):
             grid.height.cells[7, 6, y, x] = height
-            grid.tile_changed[7, 6] = 1
+            grid.mark_changed(np.s_[7:8, 6:7])
             obstacles.update(grid, 0.5)
             assert_as_the_whole(obstacles, grid, params)
 
@@ -331,12 +331,12 @@ def test_a_change_far_away_touches_only_what_is_near():
     assert len(obstacles.update(grid, 0.5)) == 0
     # A wall in one tile: that tile and its eight neighbours.
     grid.height.cells[7, 5, 8, 8] = 200
-    grid.tile_changed[7, 5] = 1
+    grid.mark_changed(np.s_[7:8, 5:6])
     tiles = obstacles.update(grid, 0.5).tolist()
     assert tiles == [[ty, tx] for ty in (6, 7, 8) for tx in (4, 5, 6)]
     found = obstacles.read(Area(7 * TILE, 5 * TILE, TILE, TILE))
     assert np.argwhere(found.occupancy == 100).tolist() == [[8, 8]]
     # One at the edge of what was seen: nothing is written outside of it.
-    grid.tile_changed[2, 2] = 1
+    grid.mark_changed(np.s_[2:3, 2:3])
     tiles = obstacles.update(grid, 0.5).tolist()
     assert tiles == [[2, 2], [2, 3], [3, 2], [3, 3]]
