@@ -241,6 +241,7 @@ def test_a_truncated_bag(tmp_path, storage, compression, part):
     error_of(path)
 
 
+@pytest.mark.slow
 @draws(60)
 @given(st.sampled_from([StoragePlugin.SQLITE3, StoragePlugin.MCAP]), st.integers(0, 2**32 - 1))
 def test_damage_anywhere_is_told_or_skipped(tmp_path_factory, storage, seed):
