@@ -104,6 +104,17 @@ def test_picture(tmp_path: Path) -> None:
             assert len(picture.convert("RGB").getcolors(1 << 24)) > 10
 
 
+@pytest.mark.slow
+def test_script_of_the_readme(tmp_path: Path) -> None:
+    (script,) = re.findall(r"^```python\n(.*?)^```", (ROOT / "README.md").read_text(), re.M | re.S)
+    (tmp_path / "bags").symlink_to(BAGS)
+    done = subprocess.run(
+        [sys.executable, "-c", script], cwd=tmp_path, check=True, capture_output=True, text=True
+    )
+    assert re.fullmatch(r"2\d\.\d m long, 1\.5\d m up\n", done.stdout)
+    assert height_at(tmp_path / "out" / "ramp", 21.5, -2.0) == pytest.approx(-1.36, abs=CENTIMETRE)
+
+
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.stem)
 def test_example_is_short_and_tested(path: Path) -> None:
     source = path.read_text()

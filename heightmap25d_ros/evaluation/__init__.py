@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Results against the truth.
 
-`truth` reads what the simulator knows; the others hold maps, paths, trajectories and reachable
-goals against it. They share no code with what they judge.
+`truth` reads what the simulator knows; `map_error`, `path_drivability`, `trajectory_error` and
+`goal_reachability` hold results against it. They share no code with what they judge. Import from
+these modules.
 """
