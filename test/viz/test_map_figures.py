@@ -77,6 +77,7 @@ def test_height_map_shows_the_block_and_the_unknown(tmp_path: Path) -> None:
     assert center_of(is_high)[0] < 0.4 < center_of(is_unknown)[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("draw", [map_figures.height_map, map_figures.blocks])
 def test_trajectory_is_drawn_and_bytes_are_the_same(tmp_path: Path, draw) -> None:
     for name in ("first.png", "second.png"):
