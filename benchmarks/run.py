@@ -118,7 +118,7 @@ def command_line() -> dict[str, float]:
             [*command, Path(directory) / "map"], check=True, capture_output=True, text=True
         )
     figures = json.loads(done.stdout)
-    names = ("x real time", "ms per scan p50", "ms per scan p95", "ms per scan p99")
+    names = ("real_time_factor", "scan_p50_ms", "scan_p95_ms", "scan_p99_ms")
     return {name: float(figures[name]) for name in names}
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import sys
 from collections.abc import Iterator
 
@@ -24,13 +25,18 @@ from heightmap25d_ros.commands import (
 from heightmap25d_ros.commands import map as map_
 from heightmap25d_ros.commands.common import Figures, NegativeResultError
 from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.version import VERSION
 
 EXIT_UNUSABLE = 2
+REPLAY = "heightmap25d_ros.executables", "replay"
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run a command; the exit status of the process."""
-    options = _parser().parse_args(arguments)
+    arguments = sys.argv[1:] if arguments is None else arguments
+    if arguments[:1] == ["replay"]:  # the node's own command line
+        os.execv(sys.executable, [sys.executable, "-m", REPLAY[0], REPLAY[1], *arguments[1:]])
+    options = _parser().parse_args(_with_negative_coordinates(arguments))
     try:
         figures = options.command(options)
         status = 0
@@ -52,6 +58,18 @@ def main(arguments: list[str] | None = None) -> int:
     return status
 
 
+def _with_negative_coordinates(arguments: list[str]) -> list[str]:
+    """Arguments in which ``--goal -4,0`` is ``--goal=-4,0``: argparse takes -4,0 for an option."""
+    joined: list[str] = []
+    for argument in arguments:
+        is_coordinates = re.fullmatch(r"-[\d.][^ ]*,[^ ]*", argument)
+        if is_coordinates and joined and joined[-1].startswith("--") and "=" not in joined[-1]:
+            joined[-1] += f"={argument}"
+        else:
+            joined.append(argument)
+    return joined
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="heightmap25d",
@@ -59,7 +77,9 @@ def _parser() -> argparse.ArgumentParser:
         epilog="Example: heightmap25d map bags/ramp -o out/ramp && "
         "heightmap25d render out/ramp -o out/pictures",
     )
+    parser.add_argument("--version", action="version", version=f"heightmap25d {VERSION}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    commands.add_parser("replay", help="a bag on its topics, and /clock (needs ROS)")
     for command in (
         map_, localize, plan, convert, render, evaluate, info, view, simulate, bringup,
     ):  # fmt: skip

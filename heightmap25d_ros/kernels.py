@@ -22,6 +22,7 @@ from numba import njit
 from numba.core.caching import FunctionCache
 
 _PACKAGE = Path(__file__).parent
+_NAMES = _PACKAGE / "__init__.py"  # imports its names when they are used: no kernel needs it
 _IMPORT = re.compile(
     rf"^\s*(?:from\s+({_PACKAGE.name}[\w.]*)\s+import\s+(\([^)]*\)|[^\n]*)"
     rf"|import\s+({_PACKAGE.name}[\w.]*))",
@@ -77,4 +78,5 @@ def _imported(source: str) -> Iterator[Path]:
         candidates = [parts, *([*parts, name] for name in re.findall(r"\w+", names))]
         for candidate in candidates:
             base = _PACKAGE.joinpath(*candidate)
-            yield from (p for p in (base.with_suffix(".py"), base / "__init__.py") if p.is_file())
+            found = (base.with_suffix(".py"), base / "__init__.py")
+            yield from (path for path in found if path.is_file() and path != _NAMES)

@@ -282,9 +282,9 @@ def summary(run: Run) -> dict[str, float | int | str | None]:
         "plans": sum(len(way) > 0 for _, way in run.plans),
         "error of the pose: RMSE, largest, at the end [m]": rounded(known),
         "error of the odometry alone [m]": rounded(wheels),
-        "largest true step under the robot [m]": round(met.largest_step, 3),
-        "steepest true slope under the robot [deg]": round(np.degrees(met.steepest_slope), 1),
-        "known cells": int(run.maps[-1][1].known.sum()),
+        "largest true step under the robot [m]": round(met.largest_step_m, 3),
+        "steepest true slope under the robot [deg]": round(np.degrees(met.steepest_slope_rad), 1),
+        "known_cells": int(run.maps[-1][1].known.sum()),
     }  # fmt: skip
 
 
@@ -300,7 +300,7 @@ def unzipped(poses: list[tuple[int, se3.Matrix]]) -> tuple[NDArray[np.int64], se
 
 def rounded(error) -> list[float]:
     return [round(value, 3) for value in
-            (error.planar_rmse, error.planar_max, error.final_position)]  # fmt: skip
+            (error.planar_rmse_m, error.planar_max_m, error.final_position_m)]  # fmt: skip
 
 
 def length(poses: NDArray[np.float64]) -> float:

@@ -112,7 +112,7 @@ def measure(bag: Path, output: Path, *options: object) -> dict[str, float]:
         "recall": blocked["recall"],
         "coverage": figures["coverage"],
         "tops off by > 10 cm": error["share_beyond_10_cm"],
-        "95 % of height errors [cm]": 100 * error["percentile_95_absolute"],
+        "95 % of height errors [cm]": 100 * error["percentile_95_absolute_m"],
         "goals found": np.array([goals["found"], goals["observed_goals"]]),
         "unreachable refused": np.array([goals["refused"], goals["unreachable_goals"]]),
     }

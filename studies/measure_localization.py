@@ -178,9 +178,10 @@ def row(label: str, run: Run, truth: tuple[np.ndarray, se3.Matrix], nees: np.nda
     error, alone = error_of(run, run.told, truth), error_of(run, run.odometry, truth)
     accepted = sum(attempt.registration.is_accepted for attempt in run.attempts)
     return (
-        f"| {label} | {alone.final_position:.3f} m, {alone.final_yaw:.2f} deg "
-        f"| {error.final_position:.3f} m, {error.final_yaw:.2f} deg | {error.planar_rmse:.3f} m "
-        f"| {error.planar_max:.3f} m | {error.yaw_rmse:.2f} deg | {error.z_rmse:.3f} m "
+        f"| {label} | {alone.final_position_m:.3f} m, {alone.final_yaw_deg:.2f} deg "
+        f"| {error.final_position_m:.3f} m, {error.final_yaw_deg:.2f} deg "
+        f"| {error.planar_rmse_m:.3f} m | {error.planar_max_m:.3f} m "
+        f"| {error.yaw_rmse_deg:.2f} deg | {error.z_rmse_m:.3f} m "
         f"| {accepted} of {len(run.attempts)} | {nees.mean() / 3:.2f} |"
     )
 
@@ -206,8 +207,9 @@ def on_corrected_maps(bags: Path) -> Iterator[str]:
         localizer.set_long_term(mapped(corrected, "/odom"))
         error = error_of(again := localized(events, localizer), again.told, truth)
         yield (
-            f"| `room` {seed} | {error.final_position:.3f} m, {error.final_yaw:.2f} deg "
-            f"| {error.planar_rmse:.3f} m | {error.planar_max:.3f} m | {error.yaw_rmse:.2f} deg |"
+            f"| `room` {seed} | {error.final_position_m:.3f} m, {error.final_yaw_deg:.2f} deg "
+            f"| {error.planar_rmse_m:.3f} m | {error.planar_max_m:.3f} m "
+            f"| {error.yaw_rmse_deg:.2f} deg |"
         )
 
 

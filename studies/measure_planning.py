@@ -89,11 +89,11 @@ def measure(bag: Path, directory: Path, params: Params, tally: Tally) -> None:
         if plan.found:
             met = driven(ground, plan, params)
             tally.paths += 1
-            tally.worst_step = max(tally.worst_step, met.largest_step)
-            tally.worst_slope = max(tally.worst_slope, met.steepest_slope)
+            tally.worst_step = max(tally.worst_step, met.largest_step_m)
+            tally.worst_slope = max(tally.worst_slope, met.steepest_slope_rad)
             tally.drivable += (
-                met.largest_step <= params.traversability.max_step + 1e-6
-                and met.steepest_slope <= params.traversability.max_slope
+                met.largest_step_m <= params.traversability.max_step + 1e-6
+                and met.steepest_slope_rad <= params.traversability.max_slope
             )
 
 

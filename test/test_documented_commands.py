@@ -113,6 +113,7 @@ def test_commands_have_the_options_that_there_are(page):
             pytest.fail(" ".join(words))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_cheap_commands_do_what_they_say(page, tmp_path, monkeypatch, capsys):
     """Those on a bag of the ramp, and on what was made of it, in the order of the page."""
@@ -125,6 +126,7 @@ def test_cheap_commands_do_what_they_say(page, tmp_path, monkeypatch, capsys):
             assert cli.main(words[1:]) == 0, (words, capsys.readouterr().err)
 
 
+@pytest.mark.slow
 def test_pictures_of_the_tuning_page_are_those_of_the_script(tmp_path):
     script = ROOT / "studies" / "tuning_pictures.py"
     subprocess.run(

@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 from repository import ROOT
 
+pytestmark = pytest.mark.slow  # each process compiles anew
+
 NAME = "heightmap25d_ros"
 CONSTANTS = "SCALE = {scale}\n"
 CALLED = f"""
@@ -69,6 +71,12 @@ def test_edit_of_a_constant_two_modules_away_takes_effect(package: Path) -> None
     assert twice_of_5(package) == (30, 1)
     (package / "constants.py").write_text(CONSTANTS.format(scale=4))
     assert twice_of_5(package) == (40, 1)
+
+
+def test_edit_of_the_names_of_the_package_compiles_nothing(package: Path) -> None:
+    assert twice_of_5(package) == (30, 1)
+    (package / "__init__.py").write_text(f"from {NAME}.constants import SCALE\n")
+    assert twice_of_5(package) == (30, 0)
 
 
 def test_cache_goes_where_numba_is_told(package: Path, tmp_path: Path) -> None:

@@ -17,6 +17,8 @@ from ament_index_python import get_package_prefix
 from catkin_pkg.package import Package, parse_package
 from repository import ROOT
 
+from heightmap25d_ros.version import VERSION
+
 NAME = "heightmap25d_ros"
 EXECUTABLES = {
     "driver", "heightmap25d", "localization", "mapping", "markers", "planning", "replay",
@@ -25,7 +27,7 @@ EXECUTABLES = {
 
 # From the ground up: a room imports the storeys below its own, and the rooms before it in its own.
 STOREYS = [
-    ["errors", "arrays", "kernels", "se3", "params", "grid"],
+    ["version", "errors", "arrays", "kernels", "se3", "params", "grid"],
     ["mapping", "terrain", "planning", "localization"],
     ["io", "viz", "evaluation", "pipelines"],
     ["simulation", "commands", "cli", "nodes", "executables"],
@@ -33,10 +35,14 @@ STOREYS = [
 ROOMS = [room for storey in STOREYS for room in storey]
 
 # rosdep's name of what is imported under another name; rosbags and the extras, mujoco and rerun,
-# have none, llvmlite comes with numba, and grid_map_msgs is used where it is.
+# have none, llvmlite comes with numba, lz4 and zstd (backports, compression) with rosbags, and
+# grid_map_msgs is used where it is.
 ROSDEP_KEYS = {
     "grid_map_msgs": None,
     "llvmlite": None,
+    "backports": None,
+    "compression": None,
+    "lz4": None,
     "matplotlib": "python3-matplotlib",
     "mpl_toolkits": "python3-matplotlib",
     "numba": "python3-numba",
@@ -96,7 +102,7 @@ def test_manifest_is_valid(folder: str, build_type: str) -> None:
     assert package.package_format == 3
     assert package.get_build_type() == build_type
     assert package.licenses == ["Apache-2.0"]
-    assert package.version == manifest().version == distribution(NAME).version
+    assert package.version == manifest().version == distribution(NAME).version == VERSION
 
 
 def test_messages_depend_on_what_their_fields_use() -> None:
@@ -155,7 +161,10 @@ def test_no_module_imports_itself_by_way_of_others() -> None:
     def dotted(path: Path) -> str:
         return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
 
-    modules = {dotted(path): imports(path) for path in MODULES}
+    # The package itself imports a name when it is used: see test_api.py.
+    modules = {
+        dotted(path): imports(path) for path in MODULES if path != ROOT / NAME / "__init__.py"
+    }
     graph = {name: [n for n in found if n in modules] for name, found in modules.items()}
     tuple(TopologicalSorter(graph).static_order())  # raises where there is a circle
 

@@ -41,6 +41,7 @@ def figures(name: str, directory: Path) -> dict[str, Any]:
     return json.loads(done.stdout)
 
 
+@pytest.mark.slow
 @needs_octomap
 def test_figure_1_an_obstacle_that_the_evidence_grid_hides(tmp_path: Path) -> None:
     given = figures("fig1", tmp_path)
@@ -60,6 +61,7 @@ def test_figure_1_an_obstacle_that_the_evidence_grid_hides(tmp_path: Path) -> No
     )
 
 
+@pytest.mark.slow
 @needs_octomap
 def test_figure_2_the_ramp(tmp_path: Path) -> None:
     given = figures("fig2", tmp_path)

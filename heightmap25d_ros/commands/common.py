@@ -5,11 +5,14 @@
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_map import HeightMap
+from heightmap25d_ros.io import map_directory
 from heightmap25d_ros.params import files
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.terrain.traversability import OCCUPIED, ObstacleMap
@@ -67,6 +70,43 @@ def add_topics(command: argparse.ArgumentParser) -> None:
                          help="a laser, repeatable (default: every LaserScan topic)")  # fmt: skip
 
 
+def check_output(directory: Path) -> None:
+    """Refuse an output directory that cannot be written, before any work is done.
+
+    Raises
+    ------
+    InputError
+        If it is a file, or the nearest existing directory above it is not writable.
+    """
+    if directory.exists() and not directory.is_dir():
+        raise InputError(f"{directory}: is a file, not a directory to write to")
+    existing = next(path for path in (directory, *directory.absolute().parents) if path.exists())
+    if not (existing.is_dir() and os.access(existing, os.W_OK)):
+        raise InputError(f"{directory}: cannot be written, {existing} is not a writable directory")
+
+
+def require_map(path: Path) -> None:
+    """Refuse what is not a map directory, and say what it is.
+
+    Raises
+    ------
+    InputError
+        If there is no height_grid.npz in it.
+    """
+    if (path / map_directory.HEIGHT_GRID).is_file():
+        return
+    if not path.exists():
+        raise InputError(f"{path}: does not exist")
+    is_bag = path.suffix in (".mcap", ".db3", ".bag") or any(
+        path.glob(pattern) for pattern in ("metadata.yaml", "*.mcap", "*.db3")
+    )
+    kind = (
+        "a bag" if is_bag else "a file" if path.is_file() else "a directory without height_grid.npz"
+    )
+    hint = f"; `heightmap25d map {path} -o DIR` makes a map of it" if is_bag else ""
+    raise InputError(f"{path}: is {kind}, not a map directory{hint}")
+
+
 def read_params(options: argparse.Namespace, node: str = "mapping") -> Params:
     """The parameters of a node in ``--params``, or the defaults.
 
@@ -81,6 +121,6 @@ def read_params(options: argparse.Namespace, node: str = "mapping") -> Params:
 def cell_counts(height_map: HeightMap, obstacle_map: ObstacleMap) -> Figures:
     """How many cells of a map are known, and how many occupied."""
     return {
-        "known cells": int(height_map.known.sum()),
-        "occupied cells": int((obstacle_map.occupancy == OCCUPIED).sum()),
+        "known_cells": int(height_map.known.sum()),
+        "occupied_cells": int((obstacle_map.occupancy == OCCUPIED).sum()),
     }

@@ -8,7 +8,14 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from heightmap25d_ros.commands.common import Figures, add_command, cell_counts, read_params
+from heightmap25d_ros.commands.common import (
+    Figures,
+    add_command,
+    cell_counts,
+    check_output,
+    read_params,
+    require_map,
+)
 from heightmap25d_ros.io import map_directory
 from heightmap25d_ros.terrain.traversability import to_obstacle_map
 
@@ -24,6 +31,8 @@ def add_to(commands: Any) -> None:
 def _convert(options: argparse.Namespace) -> Figures:
     """Convert the heights of a map directory again, for instance for another robot."""
     settings = read_params(options)
+    require_map(options.map)
+    check_output(options.output or options.map)
     output = options.output or options.map
     loaded = map_directory.load(options.map, settings.mapper.probability_threshold)
     obstacle_map = to_obstacle_map(loaded.height_map, settings.traversability)

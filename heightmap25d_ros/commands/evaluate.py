@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from heightmap25d_ros import se3
-from heightmap25d_ros.commands.common import Figures, add_command, read_params
+from heightmap25d_ros.commands.common import Figures, add_command, read_params, require_map
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.evaluation import trajectory_error
 from heightmap25d_ros.evaluation.goal_reachability import evaluate_goals
-from heightmap25d_ros.evaluation.map_error import evaluate_map
+from heightmap25d_ros.evaluation.map_error import LEAST_OVERLAP, evaluate_map, overlap
 from heightmap25d_ros.evaluation.truth import read_goals, read_truth
 from heightmap25d_ros.io import decode, map_directory
 from heightmap25d_ros.io.bag import Bag
@@ -39,8 +39,16 @@ def add_to(commands: Any) -> None:
 def _evaluate(options: argparse.Namespace) -> Figures:
     """Hold a map directory against the truth of its world: surface, goals, trajectory."""
     settings = read_params(options)
+    require_map(options.map)
     height_map = map_directory.load(options.map, settings.mapper.probability_threshold).height_map
     truth = read_truth(options.truth)
+    share = overlap(height_map, truth)
+    if share < LEAST_OVERLAP:
+        raise InputError(
+            f"{options.map}: only {share:.0%} of its {height_map.known.sum()} known cells are "
+            f"where {options.truth} has a surface of about their height (a map of the same world: "
+            f"{LEAST_OVERLAP:.0%} or more); is this the truth of another world?"
+        )
     figures = evaluate_map(height_map, settings.traversability, truth).as_dict()
     goals = options.truth.with_name("goals.npz")
     if goals.exists():

@@ -29,17 +29,17 @@ def _info(options: argparse.Namespace) -> Figures:
         known = heights.metres[heights.known]
         return {
             "frame": loaded.frame_id,
-            "size [cells]": list(geometry.shape[::-1]),
-            "resolution [m]": geometry.resolution,
-            "origin [m]": list(geometry.origin),
-            "ground zero [m]": geometry.ground_zero,
-            "heights [m]": [round(known.min(), 2), round(known.max(), 2)] if known.size else [],
+            "size_cells": list(geometry.shape[::-1]),
+            "resolution_m": geometry.resolution,
+            "origin_m": list(geometry.origin),
+            "ground_zero_m": geometry.ground_zero,
+            "heights_m": [round(known.min(), 2), round(known.max(), 2)] if known.size else [],
             **cell_counts(heights, to_obstacle_map(heights, settings.traversability)),
         }
     with Bag(options.path) as bag:
         return {
             "bag": str(options.path),
-            "duration [s]": round(bag.duration, 3),
+            "duration_s": round(bag.duration, 3),
             **{
                 f"{name} ({message_type})": count
                 for name, topic in bag.topics.items()

@@ -17,7 +17,14 @@ from numpy.typing import NDArray
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
-from heightmap25d_ros.commands.common import Figures, add_command, add_topics, read_params
+from heightmap25d_ros.commands.common import (
+    Figures,
+    add_command,
+    add_topics,
+    check_output,
+    read_params,
+    require_map,
+)
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.evaluation import trajectory_error
 from heightmap25d_ros.evaluation.trajectory_error import TrajectoryError
@@ -68,6 +75,8 @@ def _localize(options: argparse.Namespace) -> Figures:
     Writes trajectory.tum (base in map), registrations.csv (x, y, z, yaw: what the pose was found
     to be off [m, rad]) and pictures; with /ground_truth in the bag, the error as well.
     """
+    require_map(options.map)
+    check_output(options.output)
     with Bag(options.bag) as bag:
         settings = with_scan_topics(read_params(options, "localization"), bag, options.scan_topic)
         odom_topic = options.odom_topic or bag.odometry_topic()
@@ -110,8 +119,8 @@ def _localize(options: argparse.Namespace) -> Figures:
         "state": attempts[-1].state.name,
         "dropped": dict(localizer.dropped),
         **_errors(corrected, odometry, truth),
-        "seconds": round(seconds, 3),
-        "x real time": round(duration / seconds, 1),
+        "processing_s": round(seconds, 3),
+        "real_time_factor": round(duration / seconds, 1),
     }
 
 
@@ -154,7 +163,7 @@ def _errors(corrected: Trajectory, odometry: Trajectory, truth: Trajectory) -> F
         return {}
     results: dict[str, TrajectoryError | None] = {
         name: trajectory_error.evaluate_trajectory(*_arrays(trajectory), *_arrays(truth))
-        for name, trajectory in (("corrected", corrected), ("odometry alone", odometry))
+        for name, trajectory in (("corrected", corrected), ("odometry_alone", odometry))
     }
     return {name: error.as_dict() for name, error in results.items() if error is not None}
 

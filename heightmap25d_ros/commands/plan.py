@@ -9,10 +9,15 @@ import math
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from heightmap25d_ros import se3
-from heightmap25d_ros.commands.common import Figures, NegativeResultError, add_command, read_params
+from heightmap25d_ros.commands.common import (
+    Figures,
+    NegativeResultError,
+    add_command,
+    check_output,
+    read_params,
+    require_map,
+)
 from heightmap25d_ros.evaluation.path_drivability import evaluate_path
 from heightmap25d_ros.evaluation.truth import read_ground
 from heightmap25d_ros.io import map_directory, trajectory
@@ -30,8 +35,7 @@ def add_to(commands: Any) -> None:
     command.add_argument("map", type=Path, metavar="DIR", help="map directory")
     for name in ("start", "goal"):
         command.add_argument(f"--{name}", type=_place, required=True, metavar="X,Y[,YAW]",
-                             help=f"{name} in the map [m], [rad]; "
-                             f"--{name}=-1,2 where X is negative")  # fmt: skip
+                             help=f"{name} in the map [m], [rad]")  # fmt: skip
     command.add_argument("-o", "--output", type=Path, required=True, metavar="OUT",
                          help=f"directory for {PLAN_TUM} and {PLAN_PNG}")  # fmt: skip
     command.add_argument("--truth", type=Path, metavar="FILE",
@@ -55,6 +59,8 @@ def _plan(options: argparse.Namespace) -> Figures:
     drawn over heights and obstacles, with a profile of height and slope.
     """
     settings = read_params(options, "planning")
+    require_map(options.map)
+    check_output(options.output)
     height_map = map_directory.load(options.map, settings.mapper.probability_threshold).height_map
     compile_kernels(settings)  # not what is timed
     planning = Planning(settings)
@@ -75,7 +81,7 @@ def _plan(options: argparse.Namespace) -> Figures:
     figures = {**_figures(plan), "path": str(paths[0]), "picture": str(paths[1])}
     if options.truth:
         xyz_rpy = se3.to_xyz_rpy(plan.poses)
-        figures["on the true surface"] = evaluate_path(
+        figures["on_true_surface"] = evaluate_path(
             read_ground(options.truth),
             xyz_rpy[:, [0, 1, 5]],
             settings.planner.robot_length,
@@ -85,15 +91,24 @@ def _plan(options: argparse.Namespace) -> Figures:
 
 
 def _figures(plan: Plan) -> Figures:
-    found: Figures = {"status": plan.status.name, "reason": plan.reason}
+    figures: Figures = {
+        "status": _status(plan), "error_code": int(plan.status), "reason": plan.reason,
+    }  # fmt: skip
     if plan.found:
-        found |= {
-            "length [m]": round(plan.length, 3),
-            "climb [m]": round(plan.climb, 3),
-            "steepest slope [deg]": round(math.degrees(plan.steepest_slope), 2),
-            "least clearance [m]": round(plan.least_clearance, 3)
-            if np.isfinite(plan.least_clearance)
-            else None,
-            "cost [m of flat ground]": round(plan.cost, 3),
+        is_clear = math.isinf(plan.least_clearance)
+        figures |= {
+            "length_m": round(plan.length, 3),
+            "climb_m": round(plan.climb, 3),
+            "steepest_slope_rad": round(plan.steepest_slope, 4),
+            "least_clearance_m": None if is_clear else round(plan.least_clearance, 3),
+            "cost_m": round(plan.cost, 3),  # of flat open ground
         }
-    return {**found, "ms": round(1e3 * plan.seconds, 2)}
+    return {**figures, "planning_ms": round(1e3 * plan.seconds, 2)}
+
+
+def _status(plan: Plan) -> str:
+    """The status in words; Nav2 has one code for occupied and for unknown ground."""
+    if plan.found:
+        return "found"
+    name = plan.status.name.lower()
+    return name.replace("occupied", "unknown") if "unknown ground" in plan.reason else name

@@ -8,7 +8,13 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from heightmap25d_ros.commands.common import Figures, add_command, read_params
+from heightmap25d_ros.commands.common import (
+    Figures,
+    add_command,
+    check_output,
+    read_params,
+    require_map,
+)
 from heightmap25d_ros.io import map_directory
 from heightmap25d_ros.io.trajectory import read_tum
 from heightmap25d_ros.terrain.traversability import to_obstacle_map
@@ -26,6 +32,8 @@ def add_to(commands: Any) -> None:
 def _render(options: argparse.Namespace) -> Figures:
     """Draw a map directory: heights, obstacles, and blocks as in Fig. 2(c) of the paper."""
     settings = read_params(options)
+    require_map(options.map)
+    check_output(options.output)
     height_map = map_directory.load(options.map, settings.mapper.probability_threshold).height_map
     trajectory = None
     if (options.map / map_directory.TRAJECTORY).exists():

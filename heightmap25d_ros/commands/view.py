@@ -5,6 +5,8 @@
 from __future__ import annotations
 
 import argparse
+import os
+import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -41,7 +43,7 @@ def add_to(commands: Any) -> None:
 
 
 def _view(options: argparse.Namespace) -> Figures:
-    """Show a map directory in 3-D, or a bag: map, robot and way along the bag's time.
+    """Show a map directory in 3-D, or a bag: map, robot and trajectory over the bag's time.
 
     Opens a window where neither --save nor --web is given.
     """
@@ -51,6 +53,8 @@ def _view(options: argparse.Namespace) -> Figures:
     is_map = (options.path / map_directory.HEIGHT_GRID).exists()
     if options.save and not options.save.parent.is_dir():
         raise InputError(f"{options.save.parent}: is not a directory")
+    if not (options.save or options.web or _has_display()):
+        raise InputError("view: there is no display here; give --save FILE.rrd or --web")
     scene = Scene3d(options.path.name, settings.traversability, settings.planner, options.save)
     if is_map:
         figures = _show_map(scene, options.path, settings)
@@ -66,12 +70,16 @@ def _view(options: argparse.Namespace) -> Figures:
     return {**figures, **({"recording": str(options.save)} if options.save else {})}
 
 
+def _has_display() -> bool:
+    return sys.platform != "linux" or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
+
+
 def _show_map(scene: Scene3d, path: Path, settings: Params) -> Figures:
     height_map = map_directory.load(path, settings.mapper.probability_threshold).height_map
     scene.show_map(height_map)
     if (path / map_directory.TRAJECTORY).exists():
         scene.show_trajectory(trajectory.read_tum(path / map_directory.TRAJECTORY)[:, 1:4])
-    return {"map": str(path), "known cells": int(height_map.known.sum())}
+    return {"map": str(path), "known_cells": int(height_map.known.sum())}
 
 
 def _show_bag(scene: Scene3d, path: Path, settings: Params, odom_topic: str | None) -> Figures:
@@ -100,4 +108,4 @@ def _show_bag(scene: Scene3d, path: Path, settings: Params, odom_topic: str | No
         raise InputError(f"{path}: no scan could be mapped")
     height_map = mapping.maps()[0]
     scene.show_map(height_map)
-    return {"bag": str(path), "known cells": int(height_map.known.sum())}
+    return {"bag": str(path), "known_cells": int(height_map.known.sum())}

@@ -26,17 +26,17 @@ class Drivability:
 
     Attributes
     ----------
-    largest_step : float [m]
+    largest_step_m : float [m]
         Between neighbouring cells whose centres are both in the rectangle.
-    steepest_slope : float [rad]
+    steepest_slope_rad : float [rad]
         Of the least-squares plane through the cells in the rectangle.
-    lowest_ceiling : float [m]
+    lowest_ceiling_m : float [m]
         Least clear height above a cell in the rectangle.
     """
 
-    largest_step: float
-    steepest_slope: float
-    lowest_ceiling: float
+    largest_step_m: float
+    steepest_slope_rad: float
+    lowest_ceiling_m: float
 
     def as_dict(self) -> dict[str, float | None]:
         """The figures by name, rounded to millimetres and milliradians; infinite ones as None."""
@@ -69,12 +69,16 @@ def evaluate_path(
         iy, ix = _cells_under(ground.geometry, x, y, heading, length, width)
         rows, columns = ground.height.shape
         if not ((iy >= 0) & (ix >= 0) & (iy < rows) & (ix < columns)).all():
-            return Drivability(largest_step=np.inf, steepest_slope=np.inf, lowest_ceiling=lowest)
+            return Drivability(
+                largest_step_m=np.inf, steepest_slope_rad=np.inf, lowest_ceiling_m=lowest
+            )
         height = ground.height[iy, ix]
         if not height.size:  # narrower than a cell
             continue
         if not np.isfinite(height).all():
-            return Drivability(largest_step=np.inf, steepest_slope=np.inf, lowest_ceiling=lowest)
+            return Drivability(
+                largest_step_m=np.inf, steepest_slope_rad=np.inf, lowest_ceiling_m=lowest
+            )
         lowest = min(lowest, float(ground.clearance[iy, ix].min()))
         is_neighbour = np.maximum(abs(iy[:, None] - iy), abs(ix[:, None] - ix)) == 1
         steps = np.abs(height[:, None] - height)[is_neighbour]
@@ -83,7 +87,7 @@ def evaluate_path(
         plane, *_ = np.linalg.lstsq(positions, height, rcond=None)
         worst_slope = max(worst_slope, float(np.arctan(np.hypot(*plane[:2]))))
     return Drivability(
-        largest_step=worst_step, steepest_slope=worst_slope, lowest_ceiling=float(lowest)
+        largest_step_m=worst_step, steepest_slope_rad=worst_slope, lowest_ceiling_m=float(lowest)
     )
 
 

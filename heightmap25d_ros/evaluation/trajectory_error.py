@@ -20,23 +20,23 @@ class TrajectoryError:
     ----------
     poses : int
         Number of estimated poses within the time of the true trajectory.
-    ate_rmse, ate_max : float [m]
+    ate_rmse_m, ate_max_m : float [m]
         Absolute trajectory error: distance in x, y and z to the true position.
-    final_position, planar_rmse, planar_max : float [m]
+    final_position_m, planar_rmse_m, planar_max_m : float [m]
         Distance in x and y to the true position: of the last pose, and of all.
-    final_yaw, yaw_rmse : float [deg]
-    z_rmse : float [m]
+    final_yaw_deg, yaw_rmse_deg : float [deg]
+    z_rmse_m : float [m]
     """
 
     poses: int
-    ate_rmse: float
-    ate_max: float
-    final_position: float
-    planar_rmse: float
-    planar_max: float
-    final_yaw: float
-    yaw_rmse: float
-    z_rmse: float
+    ate_rmse_m: float
+    ate_max_m: float
+    final_position_m: float
+    planar_rmse_m: float
+    planar_max_m: float
+    final_yaw_deg: float
+    yaw_rmse_deg: float
+    z_rmse_m: float
 
     def as_dict(self) -> dict[str, float]:
         """The figures by name, rounded to tenths of a millimetre."""
@@ -68,14 +68,14 @@ def evaluate_trajectory(
     planar, z, yaw = planar_errors(poses, truth).T
     return TrajectoryError(
         poses=len(poses),
-        ate_rmse=_rms(distance),
-        ate_max=float(distance.max()),
-        final_position=float(planar[-1]),
-        planar_rmse=_rms(planar),
-        planar_max=float(planar.max()),
-        final_yaw=float(abs(yaw[-1])),
-        yaw_rmse=_rms(yaw),
-        z_rmse=_rms(z),
+        ate_rmse_m=_rms(distance),
+        ate_max_m=float(distance.max()),
+        final_position_m=float(planar[-1]),
+        planar_rmse_m=_rms(planar),
+        planar_max_m=float(planar.max()),
+        final_yaw_deg=float(abs(yaw[-1])),
+        yaw_rmse_deg=_rms(yaw),
+        z_rmse_m=_rms(z),
     )
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.grid.height_map import Area, Geometry, HeightMap
+from heightmap25d_ros.grid.height_map import PROBABILITY_THRESHOLD, Area, Geometry, HeightMap
 from heightmap25d_ros.params.sections import GridParams
 
 TILE = 16
@@ -107,7 +107,7 @@ class HeightGrid:
 
     Parameters
     ----------
-    params : GridParams
+    params : GridParams, optional
     anchor : (x, y, z) float [m], map
         Middle of the extent, moved to the nearest corner of a tile, and the z of height 0.
 
@@ -129,25 +129,18 @@ class HeightGrid:
 
     Examples
     --------
-    >>> grid = HeightGrid(GridParams(resolution=0.5, extent=64.0))
-    >>> grid.observed_area().shape
-    (0, 0)
-    >>> plain = HeightMap(
-    ...     geometry=Geometry(resolution=0.5, origin=(0.0, 0.0), shape=(1, 2)),
-    ...     height=np.array([[5, 7]], np.int16),
-    ...     probability=np.full((1, 2), 50000, np.uint16),
-    ...     probability_threshold=0.5,
-    ... )
-    >>> grid.write(plain)
-    >>> grid.observed_area().shape
-    (16, 16)
-    >>> grid.read(0.5).metres[0, :3]
-    array([0.05, 0.07,  nan])
+    >>> grid = HeightGrid()
+    >>> grid.write(HeightMap.from_metres([[0.0, 0.25]]))
+    >>> grid.read().height[0, :2]
+    array([ 0, 25], dtype=int16)
     """
 
     def __init__(
-        self, params: GridParams, anchor: tuple[float, float, float] = (0.0, 0.0, 0.0)
+        self,
+        params: GridParams | None = None,
+        anchor: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> None:
+        params = params or GridParams()
         half = int(np.ceil(params.extent / (2 * params.resolution * TILE)))
         # An odd number of tiles in a row: with a power of two, all tiles above one another
         # would fall into the same few cache sets.
@@ -216,7 +209,9 @@ class HeightGrid:
         _include(self.changed, (flags == 0) & is_marked, tiles)
         flags[...] |= is_marked
 
-    def read(self, probability_threshold: float, area: Area | None = None) -> HeightMap:
+    def read(
+        self, probability_threshold: float = PROBABILITY_THRESHOLD, area: Area | None = None
+    ) -> HeightMap:
         """Dense copy of an area, by default of the observed one."""
         area = self.observed_area() if area is None else area
         return HeightMap(

@@ -13,6 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from heightmap25d_ros.params.sections import GridParams, MapperParams
+
 HEIGHT_RESOLUTION = 0.01
 """One step of a stored height [m]: int16 centimetres, as in the paper."""
 
@@ -24,6 +26,9 @@ PROBABILITY_SCALE = 65535
 
 FLOAT32_REACH = 4096.0
 """Coordinates up to here keep a quarter of a millimetre in single precision [m]."""
+
+PROBABILITY_THRESHOLD = MapperParams().probability_threshold
+"""Cells believed less than this are unknown, by default."""
 
 Cell = tuple[int, int]
 """Row and column, (iy, ix)."""
@@ -155,7 +160,75 @@ class HeightMap:
     geometry: Geometry
     height: NDArray[np.int16]
     probability: NDArray[np.uint16]
-    probability_threshold: float
+    probability_threshold: float = PROBABILITY_THRESHOLD
+
+    def __post_init__(self) -> None:
+        for name, array in (("height", self.height), ("probability", self.probability)):
+            if array.shape != self.geometry.shape:
+                raise ValueError(
+                    f"{name}: shape {array.shape}, the geometry's is {self.geometry.shape}"
+                )
+
+    @classmethod
+    def from_metres(
+        cls,
+        metres: ArrayLike,
+        *,
+        resolution: float | None = None,
+        origin: tuple[float, float] = (0.0, 0.0),
+        ground_zero: float = 0.0,
+    ) -> HeightMap:
+        """The map of an array of heights; those that are given are certain.
+
+        Parameters
+        ----------
+        metres : (rows, columns) [m], map
+            z; rows along y, columns along x; NaN: unknown.
+        resolution : float [m], optional
+            Side of a cell; that of `GridParams` by default.
+        origin : (2,) [m], map
+            x and y of the outer corner of cell (0, 0).
+        ground_zero : float [m], map
+            z of height 0.
+
+        Raises
+        ------
+        ValueError
+            If an array has another shape, or a number is out of range.
+
+        Examples
+        --------
+        >>> height_map = HeightMap.from_metres([[0.0, 0.25], [np.nan, 1.0]])
+        >>> height_map.height
+        array([[  0,  25],
+               [  0, 100]], dtype=int16)
+        >>> height_map.known
+        array([[ True,  True],
+               [False,  True]])
+        """
+        array = np.asarray(metres, np.float64)
+        side = GridParams().resolution if resolution is None else float(resolution)
+        corner = np.asarray(origin, np.float64)
+        if array.ndim != 2:
+            raise ValueError(f"metres: shape {array.shape}, not (rows, columns)")
+        if not 0.0 < side < np.inf:
+            raise ValueError(f"resolution: {side:g} m is not the side of a cell")
+        if corner.shape != (2,) or not np.isfinite(corner).all():
+            raise ValueError(f"origin: {origin} is not x, y")
+        known = ~np.isnan(array)
+        height = np.rint(np.where(known, array - ground_zero, 0.0) / HEIGHT_RESOLUTION)
+        if height.size and np.abs(height).max() > HEIGHT_LIMIT:
+            raise ValueError(f"metres: a height is beyond +-{HEIGHT_LIMIT * HEIGHT_RESOLUTION:g} m")
+        return cls(
+            geometry=Geometry(
+                resolution=side,
+                origin=(float(corner[0]), float(corner[1])),
+                shape=(array.shape[0], array.shape[1]),
+                ground_zero=float(ground_zero),
+            ),
+            height=height.astype(np.int16),
+            probability=np.where(known, PROBABILITY_SCALE, 0).astype(np.uint16),
+        )
 
     @property
     def known(self) -> NDArray[np.bool_]:

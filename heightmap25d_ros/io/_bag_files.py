@@ -232,7 +232,10 @@ def _unpacked(file: Path, directory: Path, warn: Warn) -> Path:
         try:
             shutil.copyfileobj(source, target)
         except (EOFError, zstd.ZstdError) as error:
-            warn(f"{file}: cut off or damaged ({one_line(error)})")
+            problem = f"{file}: cut off or damaged ({one_line(error)})"
+            if not target.tell():
+                raise InputError(f"{problem}; nothing can be decompressed") from None
+            warn(problem)
     return path
 
 

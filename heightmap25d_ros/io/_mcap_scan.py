@@ -181,19 +181,19 @@ class McapScan:
 
     def _take_chunk(self, start: int, stop: int) -> None:
         data, problem = _unpacked(self._bytes, start, stop)
-        if problem:
-            self.problems.append(f"{problem} from byte {start} to {min(stop, len(self._bytes))}")
         counts: Counter[int] = Counter()
         stamps: list[int] = []
         for record in _records(data, 0):
-            if record.stop > len(data):
-                break
-            if record.opcode == _MESSAGE:
+            if not _is_whole(data, record):
+                problem = problem or "a damaged chunk"
+            elif record.opcode == _MESSAGE:
                 channel, stamp_ns, _ = _message(data, record)
                 counts[channel] += 1
                 stamps.append(stamp_ns)
             else:
                 self._take(data, record)
+        if problem:
+            self.problems.append(f"{problem} from byte {start} to {min(stop, len(self._bytes))}")
         self._counts += counts
         if stamps:
             chunk = _Chunk(start, stop, frozenset(counts), min(stamps), max(stamps))
@@ -202,7 +202,7 @@ class McapScan:
     def _take(self, data: Bytes, record: _Record) -> None:
         """Take in a schema, a channel or a message outside of chunks."""
         try:
-            if record.opcode == _MESSAGE:
+            if record.opcode == _MESSAGE and _is_whole(data, record):
                 channel, stamp_ns, start = _message(data, record)
                 self._loose.append(_Loose(stamp_ns, start, record.stop, channel))
                 self._counts[channel] += 1
@@ -234,7 +234,7 @@ class McapScan:
             value, at = _string(content, at)
             if name == "offered_qos_profiles":
                 profiles = value
-        name, definition = self._schemas.get(schema, ("", NO_DEFINITION))
+        name, definition = self._schemas.get(schema, ("of a missing schema", NO_DEFINITION))
         self._channels[key] = connection(
             key, topic, name, definition, encoding=encoding, profiles=profiles
         )
@@ -249,6 +249,12 @@ def _records(data: Bytes, offset: int) -> Iterator[_Record]:
             return
         offset = start + length
         yield _Record(opcode, start, offset)
+
+
+def _is_whole(data: Bytes, record: _Record) -> bool:
+    """Whether a record ends in the data, and is not too short for a message if it is one."""
+    shortest = _MESSAGE_HEADER.size if record.opcode == _MESSAGE else 0
+    return record.stop <= len(data) and record.stop - record.start >= shortest
 
 
 def _message(data: Bytes, record: _Record) -> tuple[int, int, int]:

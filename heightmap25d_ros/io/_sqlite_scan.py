@@ -21,7 +21,7 @@ from heightmap25d_ros.io._connections import NO_DEFINITION, connection, definiti
 WRITE_AHEAD_LOG, ROLLBACK_JOURNAL = "-wal", "-journal"
 
 _ROWS = "SELECT timestamp, id, topic_id, data FROM messages WHERE id > ? ORDER BY id"
-_LARGEST_STEP = 2**20
+_LARGEST_STEP, _LARGEST_ROW = 2**20, 2**63 - 1
 
 
 def journals(path: Path) -> list[Path]:
@@ -136,14 +136,24 @@ class SqliteScan:
     def messages(
         self, connections: Collection[Connection], start: int | None, stop: int | None
     ) -> Iterator[tuple[Connection, int, bytes]]:
-        """The messages of some connections in order of time, from start to before stop [ns]."""
+        """The messages of some connections in order of time, from start to before stop [ns].
+
+        No bytes stand for a message that cannot be read.
+        """
         wanted = {connection.id: connection for connection in connections}
         for stamp_ns, row, topic in self._rows:
             after_start = start is None or stamp_ns >= start
             if topic in wanted and after_start and (stop is None or stamp_ns < stop):
-                query = "SELECT data FROM messages WHERE id = ?"
-                (data,) = self._database.execute(query, (row,)).fetchone()
-                yield wanted[topic], stamp_ns, data
+                yield wanted[topic], stamp_ns, self._data(row)
+
+    def _data(self, row: int) -> bytes:
+        """A message's bytes; none where damaged pages lead elsewhere."""
+        query = "SELECT data FROM messages WHERE id = ?"
+        with suppress(sqlite3.Error):
+            found = self._database.execute(query, (row,)).fetchone()
+            if found is not None and isinstance(found[0], bytes):
+                return found[0]
+        return b""
 
     def _topics(self) -> list[Connection]:
         definitions: dict[str, MessageDefinition] = {}
@@ -198,12 +208,17 @@ class SqliteScan:
 
     def _is_readable(self, after: int) -> bool:
         try:
-            self._database.execute(f"{_ROWS} LIMIT 1", (after,)).fetchone()
+            next(self._rows_after(after), None)
         except sqlite3.Error:
             return False
         return True
 
     def _rows_after(self, row: int) -> Iterator[_Row]:
+        if row > _LARGEST_ROW:
+            return
         for stamp_ns, key, topic, data in self._database.execute(_ROWS, (row,)):
+            if not isinstance(key, int) or key <= row:  # damaged pages may lead in circles
+                raise sqlite3.DatabaseError("its rows are not in order")
+            row = key
             if isinstance(data, bytes) and isinstance(stamp_ns, int) and isinstance(topic, int):
                 yield _Row(stamp_ns, key, topic)

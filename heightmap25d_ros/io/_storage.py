@@ -125,6 +125,8 @@ class Rosbag2File:
         self._scan: McapScan | SqliteScan | None = None
         self._source: Storage
         try:
+            if not path.stat().st_size:
+                raise InputError("empty")
             if path.suffix == ".db3" and missing_bytes(path):
                 raise InputError("cut off")
             reader = Rosbag2Reader(path)
@@ -140,7 +142,7 @@ class Rosbag2File:
         self.start_time, self.end_time = self._source.start_time, self._source.end_time
         self.message_count = self._source.message_count
         if is_compressed is None:
-            first = next(self._source.messages(self.connections, None, None), (None, 0, b""))
+            first = next(self._whole(self.connections, None, None), (None, 0, b""))
             is_compressed = first[2][:4] == _ZSTD_MAGIC  # CDR begins with a zero
         self._is_compressed = is_compressed
 
@@ -173,7 +175,8 @@ class Rosbag2File:
             yield from islice(source.messages(connections, start, stop), count, None)
 
     def _scanned(self, error: Exception) -> Storage:
-        suffix, reason = self._path.suffix, one_line(error).replace(str(self._path), "the file")
+        suffix = self._path.suffix
+        reason = one_line(error).replace(str(self._path), str(self._name)).rstrip(".")
         repair = _REPAIR.get(suffix, "")
         if suffix not in SCANS:
             raise InputError(f"{self._name}: {reason}") from None

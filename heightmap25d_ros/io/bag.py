@@ -62,7 +62,7 @@ class Bag:
 
     Parameters
     ----------
-    path : Path
+    path : Path or str
         Its directory, or a single .db3, .mcap or .bag file.
 
     Attributes
@@ -81,10 +81,19 @@ class Bag:
     ------
     InputError
         If it does not exist, nothing in it can be read, or it holds no message.
+
+    Examples
+    --------
+    >>> with Bag("bags/ramp") as bag:
+    ...     print(bag.scan_topics(), bag.odometry_topic())
+    ...     scan = next(bag.events(["/scan"])).message
+    ['/scan', '/scan_down'] /odom
+    >>> len(scan.ranges)
+    361
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: Path | str) -> None:
+        self.path = path = Path(path)
         self.damaged: Counter[str] = Counter()
         self.other_types: Counter[str] = Counter()
         self.warnings: list[str] = []

@@ -24,6 +24,7 @@ from heightmap25d_ros.grid.height_map import (
     Geometry,
     HeightMap,
 )
+from heightmap25d_ros.io import _scan_fields
 from heightmap25d_ros.mapping.sensor_model import Scan
 
 QUATERNION_TOLERANCE = 0.01
@@ -31,12 +32,6 @@ QUATERNION_TOLERANCE = 0.01
 
 POSITION_LIMIT = 1e8
 """Coordinates beyond this are nonsense [m]: a place on Earth has none as large."""
-
-ANGLE_COUNT_TOLERANCE = 2
-"""How many beams more or fewer than the angles say: drivers disagree about the last one."""
-
-SWEEP_LIMIT = 60.0
-"""A scan that takes longer than this from first to last beam is nonsense [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,33 +82,16 @@ def scan(message: Any) -> Scan:
     Raises
     ------
     InputError
-        If the angles or times are not finite, or do not go with the number of ranges.
+        If a field is not finite, or contradicts the others or the number of ranges.
     """
     stamp = stamp_ns(message.header)
     ranges = np.asarray(message.ranges, dtype=np.float32)
-    for name in ("angle_min", "angle_max", "angle_increment", "time_increment"):
-        if not math.isfinite(getattr(message, name)):
-            raise InputError(f"{name}: {getattr(message, name)} is not finite")
-    steps = len(ranges) - 1
-    if steps < 0:
-        raise InputError("ranges: empty")
-    increment = float(message.angle_increment)
-    span = float(message.angle_max) - float(message.angle_min)
-    if steps and not increment:
-        raise InputError(f"angle_increment: zero with {len(ranges)} ranges")
-    if abs(span - increment * steps) > ANGLE_COUNT_TOLERANCE * abs(increment):
-        raise InputError(
-            f"ranges: {len(ranges)} do not go with angles over {span:g} rad by {increment:g} rad"
-        )
-    if not message.range_min <= message.range_max:
-        raise InputError(f"range_min: {message.range_min} is above range_max {message.range_max}")
-    if abs(message.time_increment) * steps > SWEEP_LIMIT:
-        raise InputError(f"time_increment: {message.time_increment:g} s between beams")
+    _scan_fields.check_fields(message, len(ranges))
     return Scan(
         stamp_ns=stamp,
         frame_id=_frame(message.header.frame_id),
         angle_min=float(message.angle_min),
-        angle_increment=increment,
+        angle_increment=float(message.angle_increment),
         time_increment=float(message.time_increment),
         range_min=float(message.range_min),
         range_max=float(message.range_max),

@@ -25,13 +25,15 @@ from heightmap25d_ros.grid.height_map import (
     HEIGHT_LIMIT,
     HEIGHT_RESOLUTION,
     PROBABILITY_SCALE,
+    PROBABILITY_THRESHOLD,
     Geometry,
     HeightMap,
 )
 from heightmap25d_ros.io import atomic_directory
 from heightmap25d_ros.io._untrusted import as_input_error
 from heightmap25d_ros.io.trajectory import write_tum
-from heightmap25d_ros.terrain.traversability import ObstacleMap
+from heightmap25d_ros.params.sections import MappingParams
+from heightmap25d_ros.terrain.traversability import ObstacleMap, to_obstacle_map
 
 FORMAT_VERSION = 1
 
@@ -43,6 +45,9 @@ MAX_CELLS = 2**30
 
 MAP_YAML, MAP_PGM, HEIGHT_GRID = "map.yaml", "map.pgm", "height_grid.npz"
 TRAJECTORY = "trajectory.tum"
+
+MAP_FRAME = MappingParams().map_frame
+"""Frame of a map, by default."""
 
 _MAX_SMALL_FIELD = 1024
 """Bytes of a field that is not a grid."""
@@ -91,28 +96,50 @@ def map_path(map_directory: Path, name: str) -> Path:
 
 
 def save(
-    directory: Path,
+    directory: Path | str,
     height_map: HeightMap,
-    obstacle_map: ObstacleMap,
-    frame_id: str,
+    obstacle_map: ObstacleMap | None = None,
+    frame_id: str = MAP_FRAME,
     trajectory: Sequence[tuple[int, se3.Matrix]] = (),
 ) -> None:
     """Write a map directory, in one step and in place of the one that is there.
 
-    A trajectory, stamps [ns] and poses (4, 4), becomes ``trajectory.tum``. Other files in the
-    directory stay. `atomic_directory.replacing` tells what a crash leaves.
+    Other files in the directory stay. `atomic_directory.replacing` tells what a crash leaves.
+
+    Parameters
+    ----------
+    directory : Path or str
+    height_map : HeightMap
+    obstacle_map : ObstacleMap, optional
+        What `to_obstacle_map` makes of the height map, by default.
+    frame_id : str, optional
+    trajectory : sequence of (int, (4, 4) float64), optional
+        Stamps [ns] and poses, for ``trajectory.tum``.
 
     Raises
     ------
     InputError
-        If the map is empty, or the directory cannot be written.
+        If no cell of the map is known (an empty map never replaces one), or the directory cannot
+        be written.
     ValueError
         If the two maps do not cover the same cells.
+
+    Examples
+    --------
+    >>> save("out/step", HeightMap.from_metres([[0.0, 0.0, 0.5]]))
+    >>> load("out/step").height_map.height
+    array([[ 0,  0, 50]], dtype=int16)
     """
-    if obstacle_map.geometry != height_map.geometry:
+    directory = Path(directory)
+    if obstacle_map is not None and obstacle_map.geometry != height_map.geometry:
         raise ValueError("height map and obstacle map do not cover the same cells")
-    if not height_map.height.size:
-        raise InputError(f"{directory}: nothing has been mapped, so there is nothing to save")
+    if not height_map.known.any():
+        observed = int(np.count_nonzero(height_map.probability))
+        raise InputError(
+            f"{directory}: nothing has been mapped, so there is nothing to save ({observed} cells "
+            f"were observed, none with a probability of {height_map.probability_threshold:g})"
+        )
+    obstacle_map = to_obstacle_map(height_map) if obstacle_map is None else obstacle_map
     offset = height_map.geometry.ground_zero
     optional: dict[str, Any] = {"z_offset": np.float64(offset)} if offset else {}
     version = FORMAT_VERSION_OFFSET if optional else FORMAT_VERSION
@@ -135,13 +162,13 @@ def save(
             write_tum(temporary / TRAJECTORY, trajectory)
 
 
-def load(directory: Path, probability_threshold: float) -> LoadedMap:
+def load(directory: Path | str, probability_threshold: float = PROBABILITY_THRESHOLD) -> LoadedMap:
     """Read ``height_grid.npz`` of a map directory, all of it or nothing.
 
     Parameters
     ----------
-    directory : Path
-    probability_threshold : float
+    directory : Path or str
+    probability_threshold : float, optional
         Below it a cell is unknown; the reader's own, the file does not hold it.
 
     Raises
@@ -149,7 +176,7 @@ def load(directory: Path, probability_threshold: float) -> LoadedMap:
     InputError
         If the file is missing, damaged, foreign, of another version, or too large.
     """
-    path = directory / HEIGHT_GRID
+    path = Path(directory) / HEIGHT_GRID
     with as_input_error(str(path)), zipfile.ZipFile(path) as archive:
         version = int(_read_field(archive, path, "format_version"))
         if version not in (FORMAT_VERSION, FORMAT_VERSION_OFFSET):

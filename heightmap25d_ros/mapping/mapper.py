@@ -17,6 +17,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from heightmap25d_ros.grid.height_grid import TILE, TOP_BIAS, HeightGrid
 from heightmap25d_ros.grid.height_map import (
@@ -26,7 +27,8 @@ from heightmap25d_ros.grid.height_map import (
 )
 from heightmap25d_ros.kernels import inlined_kernel, kernel
 from heightmap25d_ros.mapping.cell_update import Likelihoods, Rule, hit, miss
-from heightmap25d_ros.mapping.sensor_model import Beams
+from heightmap25d_ros.mapping.sensor_model import Beams, Scan
+from heightmap25d_ros.mapping.sensor_model import beams as beams_of
 from heightmap25d_ros.params.sections import MapperParams, SensorParams
 
 _OBSERVED = 1  # a tile_top: observed, though no cell of the tile has a height now
@@ -63,32 +65,34 @@ class Mapper:
     Parameters
     ----------
     grid : HeightGrid
-    sensor : SensorParams
-    params : MapperParams
+    sensor : SensorParams, optional
+    params : MapperParams, optional
 
     Examples
     --------
-    One beam from a laser at a height of 1 m to the ground, 1.7 m ahead:
+    A laser that is 0.4 m above the ground and looks ahead; the return is 2 m away:
 
-    >>> from heightmap25d_ros.params.sections import GridParams
-    >>> grid = HeightGrid(GridParams(resolution=0.5, extent=64.0))
-    >>> mapper = Mapper(grid, SensorParams(), MapperParams())
-    >>> mapper.integrate(
-    ...     Beams(
-    ...         origins=np.array([[0.1, 0.1, 1.0]]),
-    ...         ends=np.array([[1.8, 0.1, 0.03]]),
-    ...         is_hit=np.array([True]),
-    ...         is_lone=np.array([False]),
-    ...     )
-    ... )
+    >>> grid = HeightGrid()
+    >>> T_base_sensor = np.eye(4)
+    >>> T_base_sensor[2, 3] = 0.4
+    >>> scan = Scan(angle_min=0.0, angle_increment=0.01, ranges=[2.0])
+    >>> Mapper(grid).add_scan(scan, np.eye(4), T_base_sensor)
     Integrated(hits=1, out_of_range=0, outside=0)
-    >>> grid.read(0.5).metres[0, :5]
-    array([ nan,  nan,  nan, 0.03,  nan])
+    >>> height_map = grid.read()
+    >>> int(height_map.height[tuple(height_map.geometry.cell_at((2.0, 0.0)))])  # [cm]
+    40
     """
 
-    def __init__(self, grid: HeightGrid, sensor: SensorParams, params: MapperParams) -> None:
+    def __init__(
+        self,
+        grid: HeightGrid,
+        sensor: SensorParams | None = None,
+        params: MapperParams | None = None,
+    ) -> None:
+        sensor, params = sensor or SensorParams(), params or MapperParams()
         self.grid = grid
         self.params = params
+        self._sensor = sensor
         candidate = params.update_rule == "candidate"
         hit_model = Likelihoods(sensor.hit_given_object, sensor.hit_given_empty, sensor.max_range)
         miss_model = Likelihoods(
@@ -122,8 +126,35 @@ class Mapper:
             tuple(rule),
         )
 
+    def add_scan(self, scan: Scan, T_map_base: ArrayLike, T_base_sensor: ArrayLike) -> Integrated:
+        """Merge a scan; its beams become those of `sensor_model.beams`.
+
+        Parameters
+        ----------
+        scan : Scan
+        T_map_base, T_base_sensor : (N, 4, 4), (1, 4, 4) or (4, 4) float64
+            Pose of the robot in the map and of the laser on the robot, at each beam's own time or
+            once for all beams.
+
+        Raises
+        ------
+        ValueError
+            If the poses do not go with the number of beams.
+        """
+        lone_return = self.params.lone_return
+        return self.integrate(beams_of(scan, T_map_base, T_base_sensor, self._sensor, lone_return))
+
     def integrate(self, beams: Beams) -> Integrated:
-        """Integrate the beams in their order."""
+        """Integrate the beams in their order.
+
+        Raises
+        ------
+        ValueError
+            If their arrays do not go with one another.
+        """
+        flags = beams.is_hit.shape, beams.is_lone.shape
+        if not beams.origins.shape == beams.ends.shape == (*flags[0], 3) == (*flags[1], 3):
+            raise ValueError("beams: origins and ends need shape (N, 3), is_hit and is_lone (N,)")
         counts = _integrate(
             beams.origins, beams.ends, beams.is_hit, beams.is_lone, *self._constants
         )

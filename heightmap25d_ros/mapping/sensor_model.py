@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.params.sections import SensorParams
@@ -31,16 +31,28 @@ class Scan:
         Between beams; negative where the laser scans against the order of the angles.
     range_min, range_max : float [m]
     ranges : (N,) float32 [m]
+        A list is taken as well.
+
+    Examples
+    --------
+    >>> Scan(angle_min=0.0, angle_increment=0.01, ranges=[2.0, 2.1]).ranges
+    array([2. , 2.1], dtype=float32)
     """
 
-    stamp_ns: int
-    frame_id: str
+    stamp_ns: int = 0
+    frame_id: str = ""
     angle_min: float
     angle_increment: float
-    time_increment: float
-    range_min: float
-    range_max: float
+    time_increment: float = 0.0
+    range_min: float = 0.0
+    range_max: float = np.inf
     ranges: NDArray[np.float32]
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.ranges, np.ndarray):
+            object.__setattr__(self, "ranges", np.asarray(self.ranges, np.float32))
+        if self.ranges.ndim != 1:
+            raise ValueError(f"ranges: shape {self.ranges.shape}, not (N,)")
 
     def beam_stamps_ns(self) -> NDArray[np.int64]:
         """(N,) int64 [ns]: stamp of each beam; (1,) where all beams have the same one."""
@@ -70,6 +82,27 @@ class Beams:
     ends: NDArray[np.float64]
     is_hit: NDArray[np.bool_]
     is_lone: NDArray[np.bool_]
+
+
+def no_returns(scan: Scan, convention: str) -> NDArray[np.bool_]:
+    """(N,) bool: the beams that met nothing within the reach of the laser.
+
+    Parameters
+    ----------
+    scan : Scan
+    convention : str
+        Which ranges mean that, besides +inf (REP-117): those of parameter ``sensor.no_return``.
+    """
+    ranges = scan.ranges
+    is_miss: NDArray[np.bool_] = ranges == np.inf
+    is_finite = np.isfinite(ranges)
+    if convention == "zero":
+        is_miss |= ranges == 0.0
+    if convention in ("range_max", "out_of_range"):
+        is_miss |= is_finite & (ranges >= np.float32(scan.range_max))
+    if convention == "out_of_range":
+        is_miss |= is_finite & (ranges <= np.float32(scan.range_min))
+    return is_miss
 
 
 def lone_returns(
@@ -122,35 +155,61 @@ def _range_to_ground(
         return np.where(fall > 0.0, np.maximum(height, 0.0) / fall, np.inf)
 
 
+def _poses(name: str, poses: ArrayLike, count: int) -> se3.Matrix:
+    """(N, 4, 4) or (1, 4, 4): poses of so many beams."""
+    stack = np.asarray(poses, np.float64)
+    stack = stack[None] if stack.ndim == 2 else stack
+    if stack.shape[1:] != (4, 4) or len(stack) not in (1, count):
+        raise ValueError(f"{name}: shape {np.shape(poses)}, not (4, 4), nor ({count}, 4, 4)")
+    return stack
+
+
 def beams(
     scan: Scan,
-    T_map_base: se3.Matrix,
-    T_base_sensor: se3.Matrix,
-    params: SensorParams,
+    T_map_base: ArrayLike,
+    T_base_sensor: ArrayLike,
+    params: SensorParams | None = None,
     lone_return: float = 0.0,
 ) -> Beams:
-    """Beams of a scan in the map frame, by REP-117.
+    """Beams of a scan in the map frame, by REP-117 or what else ``no_return`` says.
 
-    +inf: no return, clears to ``clearing_range``, ``range_max`` or the plane of base_link, the
-    nearest one: below the ground on which the robot stands there is no free space, so that such a
-    beam was absorbed or deflected. NaN, -inf and values outside of ``range_min .. range_max`` or
-    below ``min_range``: no beam. Returns beyond ``max_range`` clear up to there, and returns
-    outside of the window ``min_height .. max_height`` above base_link clear up to the return;
-    neither hits.
+    No return (+inf, see `no_returns`): clears to ``clearing_range``, ``range_max`` or the plane of
+    base_link, the nearest one: below the ground on which the robot stands there is no free space,
+    so that such a beam was absorbed or deflected. NaN, -inf, 0 and values outside of ``range_min
+    .. range_max`` or below ``min_range``: no beam. Returns beyond ``max_range`` clear up to there,
+    and returns outside of the window ``min_height .. max_height`` above base_link clear up to the
+    return; neither hits.
 
     Parameters
     ----------
     scan : Scan
-    T_map_base, T_base_sensor : (N, 4, 4) or (1, 4, 4) float64
-        At each beam's own time.
-    params : SensorParams
+    T_map_base, T_base_sensor : (N, 4, 4), (1, 4, 4) or (4, 4) float64
+        At each beam's own time, or once for all beams.
+    params : SensorParams, optional
     lone_return : float [m]
         Distance from its neighbours at which a return is an outlier, see `lone_returns`.
+
+    Raises
+    ------
+    ValueError
+        If the poses do not go with the number of beams.
+
+    Examples
+    --------
+    A return 2 m ahead of a laser 0.4 m above the ground:
+
+    >>> scan = Scan(angle_min=0.0, angle_increment=0.01, ranges=[2.0])
+    >>> beams(scan, np.eye(4), se3.from_xyz_rpy([0.0, 0.0, 0.4, 0.0, 0.0, 0.0])).ends
+    array([[2. , 0. , 0.4]])
     """
+    params = params or SensorParams()
+    T_map_base = _poses("T_map_base", T_map_base, len(scan.ranges))
+    T_base_sensor = _poses("T_base_sensor", T_base_sensor, len(scan.ranges))
     ranges = scan.ranges.astype(np.float64)
+    is_miss = no_returns(scan, params.no_return)
+    ranges[is_miss] = np.inf
     nearest = max(scan.range_min, params.min_range)
-    is_return = (ranges >= nearest) & (ranges <= scan.range_max)
-    is_miss = ranges == np.inf
+    is_return = (ranges >= nearest) & (ranges <= scan.range_max) & (ranges > 0.0) & ~is_miss
     angles = scan.angle_min + scan.angle_increment * np.arange(len(ranges))
     in_plane = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     cleared = np.minimum(

@@ -29,9 +29,12 @@ class DriverNode(Node):
     Without a plan, and at its end, the robot stands.
     """
 
+    NAME = "driver"
+    PARAMETERS: tuple[str, ...] = ("intake.base_frame",)
+
     def __init__(self) -> None:
-        super().__init__("driver", automatically_declare_parameters_from_overrides=True)
-        self._base_frame = parameters.declare_params(self, ["intake.base_frame"]).intake.base_frame
+        super().__init__(self.NAME, automatically_declare_parameters_from_overrides=True)
+        self._base_frame = parameters.declare_params(self, self.PARAMETERS).intake.base_frame
         self._T_map_odom = np.eye(4)
         self._driver: Driver | None = None
         self._outlet = self.create_publisher(Twist, "cmd_vel", 10)

@@ -6,11 +6,12 @@ from __future__ import annotations
 
 import functools
 import traceback
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from typing import Any
 
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
-from rclpy.exceptions import NameValidationException
+from rclpy.exceptions import NameValidationException, ParameterNotDeclaredException
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.publisher import Publisher
 from rclpy.timer import Timer
@@ -19,6 +20,7 @@ from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.nodes import parameters
 from heightmap25d_ros.nodes.diagnostics import Diagnostics
 from heightmap25d_ros.nodes.interface import Input, Output, Service
+from heightmap25d_ros.params import by_name
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.drops import Drops
 
@@ -34,11 +36,7 @@ class ManagedNode(LifecycleNode):
     subscriptions and timers while it is active. No exception of a callback ends the node: it is
     logged, counted on /diagnostics, and the node goes on with the next message.
 
-    Parameters
-    ----------
-    name : str
-    sections : sequence of str
-        The sections of `Params` that the node uses: these are its ROS parameters.
+    A subclass has its NAME, and the PARAMETERS that it uses: sections of `Params`, or single ones.
 
     Attributes
     ----------
@@ -49,13 +47,16 @@ class ManagedNode(LifecycleNode):
         Those of `outputs`, while the node is configured.
     """
 
+    NAME = ""
+    PARAMETERS: tuple[str, ...] = ()
+
     _failures = 0
     _last_failure = ""
 
-    def __init__(self, name: str, sections: Sequence[str]) -> None:
-        super().__init__(name, automatically_declare_parameters_from_overrides=True)
-        self.params = parameters.declare_params(self, sections)
-        parameters.follow_changes(self, self.params, sections, self._take_params)
+    def __init__(self) -> None:
+        super().__init__(self.NAME, automatically_declare_parameters_from_overrides=True)
+        self.params = parameters.declare_params(self, self.PARAMETERS)
+        parameters.follow_changes(self, self.params, self.PARAMETERS, self._take_params)
         self._fault = ""
         self._reported = 0
         self.is_configured = False
@@ -206,6 +207,15 @@ class ManagedNode(LifecycleNode):
     ) -> Any:
         """As of `rclpy.node.Node`, with a callback that cannot end the node."""
         return super().create_timer(period, self._guarded(callback), *arguments, **options)
+
+    def set_parameters_atomically(self, parameter_list: list[Any]) -> Any:
+        """As of `rclpy.node.Node`; for an unknown name the nearest known one is suggested."""
+        try:
+            return super().set_parameters_atomically(parameter_list)
+        except ParameterNotDeclaredException:
+            known = list(self.get_parameters_by_prefix(""))
+            hints = [by_name.unknown(p.name, known) for p in parameter_list if p.name not in known]
+            return SetParametersResult(successful=False, reason="; ".join(hints))
 
     def _guarded(self, callback: Callable[..., Any]) -> Callable[..., Any]:
         """The callback; what it raises is logged and counted, and does not reach the executor."""

@@ -33,6 +33,18 @@ class LocalizationNode(ManagedNode):
     when a registration was made.
     """
 
+    NAME = "localization"
+    PARAMETERS = (
+        "grid",
+        "sensor",
+        "mapper",
+        "intake",
+        "short_term",
+        "registration",
+        "localization",
+        "mapping.map_frame",
+    )
+
     def inputs(self) -> list[Input]:
         """Lasers, poses, transforms; the long-term map where it does not come from a directory."""
         scans = [
@@ -65,15 +77,6 @@ class LocalizationNode(ManagedNode):
     def offered_services(self) -> list[Service]:
         """The search of the whole map."""
         return [Service(Trigger, "~/relocalize", self._relocalize)]
-
-    def __init__(self) -> None:
-        super().__init__(
-            "localization",
-            [
-                "grid", "sensor", "mapper", "intake", "short_term", "registration", "localization",
-                "mapping.map_frame",
-            ],
-        )  # fmt: skip
 
     def set_up(self) -> None:
         """Make the localizer, with the long-term map where it comes from a directory."""

@@ -55,6 +55,9 @@ class MappingNode(ManagedNode):
     somebody subscribes to and that have not carried this state of the map yet.
     """
 
+    NAME = "mapping"
+    PARAMETERS = ("grid", "sensor", "mapper", "traversability", "intake", "mapping")
+
     def inputs(self) -> list[Input]:
         """Lasers, poses, transforms, and what localization says."""
         scans = [
@@ -91,11 +94,6 @@ class MappingNode(ManagedNode):
             Service(Trigger, "~/clear_map", self._clear_map),
             Service(GetMap, "~/get_map", self._get_map),
         ]
-
-    def __init__(self) -> None:
-        super().__init__(
-            "mapping", ["grid", "sensor", "mapper", "traversability", "intake", "mapping"]
-        )
 
     def set_up(self) -> None:
         """Make the map, empty or with the initial map in it."""

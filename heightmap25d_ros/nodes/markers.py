@@ -30,6 +30,9 @@ _PERIOD = 1.0  # [s] between two looks at what is new
 class MarkersNode(ManagedNode):
     """Shows the newest height grid, once a second at most and only to subscribers."""
 
+    NAME = "markers"
+    PARAMETERS = ("traversability",)
+
     def inputs(self) -> list[Input]:
         """The map, and its frame for coordinates in single precision."""
         return [
@@ -43,9 +46,6 @@ class MarkersNode(ManagedNode):
             Output(Marker, "~/blocks", qos.LATCHED),
             Output(PointCloud2, "~/frontier", qos.LATCHED),
         ]
-
-    def __init__(self) -> None:
-        super().__init__("markers", ["traversability"])
 
     def set_up(self) -> None:
         """Begin without a map."""

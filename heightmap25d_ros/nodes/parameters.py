@@ -55,7 +55,7 @@ def declare_params(node: Node, used: Sequence[str]) -> Params:
         node.get_logger().warning(notice)
     for name in overrides:
         node.undeclare_parameter(name)
-    for name, (spec, value) in _used(params, used).items():
+    for name, (spec, value) in used_by(params, used).items():
         descriptor = _descriptor(name, spec, value)
         if value == ():
             _declare_empty(node, name, descriptor)
@@ -64,7 +64,7 @@ def declare_params(node: Node, used: Sequence[str]) -> Params:
     return params
 
 
-def _used(params: Params, used: Sequence[str]) -> dict[str, tuple[Spec, Value]]:
+def used_by(params: Params, used: Sequence[str]) -> dict[str, tuple[Spec, Value]]:
     """Of all parameters those of some sections, and single ones, by name."""
     return {
         name: entry
@@ -122,7 +122,7 @@ def follow_changes(
     current = params
 
     def changed(changes: list[Parameter]) -> Params:
-        known = _used(current, used)
+        known = used_by(current, used)
         values = {p.name: p.value for p in changes if p.name in known}
         return _consistent(with_values(current, values))
 

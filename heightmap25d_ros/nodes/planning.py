@@ -28,6 +28,9 @@ _FIELD_PERIOD = 1.0  # [s] between two fields at the least
 class PlanningNode(ManagedNode):
     """Hands messages to `Planning`, and publishes the plans that it returns."""
 
+    NAME = "planning"
+    PARAMETERS = ("traversability", "planner", "planning", "mapping.map_frame", "intake.base_frame")
+
     def inputs(self) -> list[Input]:
         """The map, the robot and its goals."""
         return [
@@ -51,12 +54,6 @@ class PlanningNode(ManagedNode):
     def offered_services(self) -> list[Service]:
         """Plans between any two poses."""
         return [Service(GetPlan, "~/get_plan", self._get_plan)]
-
-    def __init__(self) -> None:
-        super().__init__(
-            "planning",
-            ["traversability", "planner", "planning", "mapping.map_frame", "intake.base_frame"],
-        )
 
     def set_up(self) -> None:
         """Make the planner."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from collections.abc import Callable
+from contextlib import suppress
 from types import FrameType
 from typing import Any
 
@@ -18,14 +18,16 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.nodes import parameters
 from heightmap25d_ros.nodes.lifecycle import ManagedNode
+from heightmap25d_ros.params.sections import Params
 
 _LONGEST_WAIT = 0.1  # [s] until a signal is seen where no message comes
 
 
-def _made(make_node: Callable[[], Node]) -> Node:
+def _made(node_class: Any) -> Any:
     try:
-        return make_node()
+        return node_class()
     except ValueError as error:
         if "PARAMETER_NOT_SET" not in str(error):
             raise
@@ -46,22 +48,48 @@ def start_ros(arguments: list[str] | None, **options: Any) -> None:
         raise InputError(f"ROS arguments: {' '.join(str(error).split())}") from None
 
 
-def run(make_node: Callable[[], Node], arguments: list[str] | None = None) -> int:
+def _help(node_class: Any) -> str:
+    """What ``--help`` prints: what the node does, how it is started, and its parameters."""
+    name, used = node_class.NAME, node_class.PARAMETERS
+    summary = (sys.modules[node_class.__module__].__doc__ or "").strip().partition("\n")[0]
+    lines = [
+        summary,
+        "",
+        f"usage: ros2 run heightmap25d_ros {name} --ros-args [--params-file FILE] [-p NAME:=VALUE]",
+        "         [-r TOPIC:=OTHER] [-r __ns:=/NAMESPACE]",
+        "",
+        f"example: ros2 run heightmap25d_ros {name} --ros-args -r odom:=/my/odom",
+        "",
+        "parameters (docs/interface.md has topics and services as well):",
+    ]
+    for parameter, (spec, value) in parameters.used_by(Params(), used).items():
+        facts = ", ".join(filter(None, [spec.unit, spec.range_text]))
+        shown = list(value) if isinstance(value, tuple) else value
+        lines.append(f"  {parameter} = {shown}{f' [{facts}]' if facts else ''}: {spec.meaning}")
+    return "\n".join(lines)
+
+
+def run(node_class: Any, arguments: list[str] | None = None) -> int:
     """Spin a node until Ctrl-C or SIGTERM; the exit status of the process.
 
     Parameters
     ----------
-    make_node : callable
-        Makes the node; ``InputError`` ends the process with status 2 and one line.
+    node_class : a class of nodes, with its NAME and the PARAMETERS that it uses
+        Made without arguments; ``InputError`` ends the process with status 2 and one line.
     arguments : list of str, optional
         Of the command line; by default the process's own.
     """
+    own_arguments = sys.argv[1:] if arguments is None else arguments
+    if "--help" in own_arguments or "-h" in own_arguments:
+        with suppress(BrokenPipeError):  # `| head`
+            print(_help(node_class), flush=True)
+        return 0
     node = None
     interruption = _Interruption()
     try:
         # Signals are ours: rclpy's handlers would end ROS while a callback is using it.
         start_ros(arguments, signal_handler_options=SignalHandlerOptions.NO)
-        node = _made(make_node)
+        node = _made(node_class)
         if isinstance(node, ManagedNode):
             node.begin()
         interruption.is_starting = False

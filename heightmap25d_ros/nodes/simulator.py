@@ -26,9 +26,12 @@ _COMMAND_HOLDS = 0.5  # [s], simulated: without a new command the robot stops th
 class SimulatorNode(Node):
     """Thin: steps a `Simulation` as time passes and publishes what it says, byte for byte."""
 
+    NAME = "simulator"
+    PARAMETERS: tuple[str, ...] = ("simulator",)
+
     def __init__(self) -> None:
-        super().__init__("simulator", automatically_declare_parameters_from_overrides=True)
-        params = parameters.declare_params(self, ["simulator"]).simulator
+        super().__init__(self.NAME, automatically_declare_parameters_from_overrides=True)
+        params = parameters.declare_params(self, self.PARAMETERS).simulator
         self._rate = params.rate
         mounted = recording.mounted_lasers(params.scan_rate, has_nodding=params.nodding)
         self._simulation = Simulation(

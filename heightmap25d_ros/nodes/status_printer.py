@@ -16,8 +16,11 @@ from heightmap25d_ros.nodes import runtime
 class StatusPrinterNode(Node):
     """Part of ``heightmap25d bringup``."""
 
+    NAME = "status_printer"
+    PARAMETERS: tuple[str, ...] = ()
+
     def __init__(self) -> None:
-        super().__init__("status_printer")
+        super().__init__(self.NAME)
         self._told: dict[str, str] = {}
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
 

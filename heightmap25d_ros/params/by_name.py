@@ -11,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import warnings
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 from heightmap25d_ros.errors import InputError
@@ -35,10 +35,10 @@ def flatten(params: Params) -> dict[str, tuple[Spec, Value]]:
 
 
 _LIVE = (
-    "sensor.min_range", "sensor.max_range", "sensor.clearing_range", "sensor.min_height",
-    "sensor.max_height", "traversability.", "planner.", "planning.", "mapping.publish_rate",
-    "mapping.max_cells", "mapping.map_directory", "mapping.autosave", "registration.min_",
-    "registration.max_",
+    "sensor.min_range", "sensor.max_range", "sensor.no_return", "sensor.clearing_range",
+    "sensor.min_height", "sensor.max_height", "traversability.", "planner.", "planning.",
+    "mapping.publish_rate", "mapping.max_cells", "mapping.map_directory", "mapping.autosave",
+    "registration.min_", "registration.max_",
 )  # fmt: skip
 
 
@@ -59,6 +59,12 @@ def _convert(name: str, given: Any, default: Value) -> Any:
     if type(given) is not type(default):
         raise InputError(f"parameter {name}: {given!r} is not a {type(default).__name__}")
     return given
+
+
+def unknown(name: str, known: Collection[str]) -> str:
+    """What to say of an unknown parameter; the most similar known one is suggested."""
+    nearest = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    return f"parameter {name}: unknown{f'; did you mean {nearest[0]}?' if nearest else ''}"
 
 
 def with_present_names(values: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
@@ -114,9 +120,7 @@ def with_values(params: Params, values: Mapping[str, Any]) -> Params:
     changes: dict[str, Any] = {}
     for name, given in present.items():
         if name not in known:
-            nearest = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
-            hint = f"; did you mean {nearest[0]}?" if nearest else ""
-            raise InputError(f"parameter {name}: unknown{hint}")
+            raise InputError(unknown(name, known))
         section, _, key = name.partition(".")
         value = _convert(name, given, known[name][1])
         if key:

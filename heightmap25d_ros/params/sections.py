@@ -39,6 +39,12 @@ class SensorParams(Section):
         30.0, "returns at a longer range clear cells up to this range, and mark none", "m",
         low=0.5, high=200.0,
     )  # fmt: skip
+    no_return: str = parameter(
+        "rep117",
+        "ranges that mean no return: rep117: +inf; and besides, zero: 0; range_max: range_max and "
+        "more; out_of_range: range_max and more, range_min and less (Nav2's inf_is_valid)",
+        choices=("rep117", "zero", "range_max", "out_of_range"),
+    )
     clearing_range: float = parameter(
         10.0, "a beam without return clears cells up to this range", "m", low=0.0, high=200.0
     )
@@ -453,7 +459,19 @@ class SimulatorParams(Section):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Params:
-    """All sections, and the parameters that belong to none."""
+    """All sections, and the parameters that belong to none.
+
+    Examples
+    --------
+    >>> Params().grid.resolution
+    0.125
+    >>> params = Params(grid=GridParams(resolution=0.25))
+
+    By the names of a parameter file:
+
+    >>> from heightmap25d_ros.params.by_name import with_values
+    >>> params = with_values(Params(), {"grid.resolution": 0.25, "mapper.update_rule": "paper"})
+    """
 
     autostart: bool = parameter(
         True, "whether the node configures and activates itself; false: left to a lifecycle manager"

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
@@ -75,15 +76,24 @@ class Localizer:
 
     Parameters
     ----------
-    params : Params
+    params : Params, optional
 
     Attributes
     ----------
     dropped : Drops
+
+    Examples
+    --------
+    >>> localizer = Localizer()
+    >>> localizer.set_long_term(HeightMap.from_metres(np.zeros((32, 64))))
+    >>> localizer.begin_at([1.0, 2.0, 0.0, 0.0])
+    >>> localizer.pose  # before the first odometry
+    >>> localizer.state
+    <State.DEGRADED: 1>
     """
 
-    def __init__(self, params: Params) -> None:
-        self._params = params
+    def __init__(self, params: Params | None = None) -> None:
+        self._params = params = params or Params()
         self.dropped = Drops()
         self._queue = ScanQueue(params.intake, self.dropped)
         self._surface: Surface | None = None
@@ -147,9 +157,18 @@ class Localizer:
         self._surface = surface_of(height_map, self._params.registration.edge_step)
         self._tracker.surface = self._surface
 
-    def begin_at(self, xyz_yaw: Array) -> None:
-        """Where the robot is at the first odometry: x, y, z [m], yaw [rad] in the map."""
-        self._initial_pose = self._waiting_pose = (xyz_yaw, self._initial_covariance)
+    def begin_at(self, xyz_yaw: ArrayLike) -> None:
+        """Where the robot is at the first odometry: x, y, z [m], yaw [rad] in the map.
+
+        Raises
+        ------
+        ValueError
+            If these are not four finite numbers.
+        """
+        pose = np.asarray(xyz_yaw, np.float64)
+        if pose.shape != (4,) or not np.isfinite(pose).all():
+            raise ValueError(f"xyz_yaw: {pose} is not x, y, z, yaw")
+        self._initial_pose = self._waiting_pose = (pose, self._initial_covariance)
 
     def request_search(self) -> bool:
         """Search the whole map for the robot; whether there is one."""

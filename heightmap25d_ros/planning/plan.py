@@ -9,6 +9,7 @@ none.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 
@@ -29,11 +30,32 @@ class Pose2D:
     x, y : float [m], map
     yaw : float [rad], optional
         None: along the path.
+
+    Examples
+    --------
+    >>> Pose2D(4.0, 0.0, yaw=math.pi / 2)
+    Pose2D(x=4.0, y=0.0, yaw=1.5707963267948966)
     """
 
     x: float
     y: float
     yaw: float | None = None
+
+
+def as_pose(name: str, place: Pose2D | Sequence[float]) -> Pose2D:
+    """The pose that an argument names: a `Pose2D`, or (x, y) or (x, y, yaw).
+
+    Raises
+    ------
+    ValueError
+        If it is neither.
+    """
+    if isinstance(place, Pose2D):
+        return place
+    numbers = [float(number) for number in place]
+    if len(numbers) not in (2, 3) or not all(math.isfinite(number) for number in numbers):
+        raise ValueError(f"{name}: {place} is not x, y or x, y, yaw")
+    return Pose2D(*numbers)
 
 
 def in_cells(pose: Pose2D, geometry: Geometry) -> tuple[float, float, float]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -17,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heightmap25d_ros.arrays import Array
-from heightmap25d_ros.grid.height_map import Area, Cell
+from heightmap25d_ros.grid.height_map import Area, Cell, HeightMap
 from heightmap25d_ros.params.sections import PlannerParams, TraversabilityParams
 from heightmap25d_ros.planning import collision, search
-from heightmap25d_ros.planning.graph import TransitionGraph
-from heightmap25d_ros.planning.plan import Plan, Pose2D, Status, in_cells
+from heightmap25d_ros.planning.graph import TransitionGraph, transition_graph
+from heightmap25d_ros.planning.plan import Plan, Pose2D, Status, as_pose, in_cells
 from heightmap25d_ros.planning.search import STRAIGHT, CostToGo, SearchTimeoutError
 from heightmap25d_ros.planning.smoothing import (
     SPACING,
@@ -44,52 +45,76 @@ class Planner:
     Parameters
     ----------
     graph : TransitionGraph
-    terrain : TraversabilityParams
-    params : PlannerParams
+    terrain : TraversabilityParams, optional
+    params : PlannerParams, optional
 
     Examples
     --------
-    Across level ground of 6 m by 6 m:
+    Over flat ground of 8 m x 4 m:
 
-    >>> from heightmap25d_ros.grid.height_map import Geometry, HeightMap
-    >>> from heightmap25d_ros.planning.graph import transition_graph
-    >>> plain = HeightMap(
-    ...     geometry=Geometry(resolution=0.125, origin=(0.0, 0.0), shape=(48, 48)),
-    ...     height=np.zeros((48, 48), np.int16),
-    ...     probability=np.full((48, 48), 65535, np.uint16),
-    ...     probability_threshold=0.5,
-    ... )
-    >>> terrain, params = TraversabilityParams(), PlannerParams(timeout=60.0)
-    >>> planner = Planner(transition_graph(plain, terrain, params), terrain, params)
-    >>> plan = planner.plan(Pose2D(1.0, 1.0), Pose2D(5.0, 4.0), is_robot_there=False)
-    >>> plan.found, round(plan.length, 2)
-    (True, 5.0)
-    >>> planner.plan(Pose2D(1.0, 1.0), Pose2D(9.0, 4.0), is_robot_there=False).reason
+    >>> planner = Planner.from_height_map(HeightMap.from_metres(np.zeros((32, 64))))
+    >>> plan = planner.plan(Pose2D(1.0, 2.0), Pose2D(7.0, 2.0))
+    >>> round(plan.length, 2)
+    6.0
+    >>> planner.plan(Pose2D(1.0, 2.0), Pose2D(9.0, 2.0)).reason
     'the goal is outside of the map'
     """
 
     def __init__(
-        self, graph: TransitionGraph, terrain: TraversabilityParams, params: PlannerParams
+        self,
+        graph: TransitionGraph,
+        terrain: TraversabilityParams | None = None,
+        params: PlannerParams | None = None,
     ) -> None:
+        terrain, params = terrain or TraversabilityParams(), params or PlannerParams()
         self.graph = graph
         self._terrain = terrain
         self._params = params
         self._resolution = graph.geometry.resolution
 
+    @classmethod
+    def from_height_map(
+        cls,
+        height_map: HeightMap,
+        terrain: TraversabilityParams | None = None,
+        params: PlannerParams | None = None,
+    ) -> Planner:
+        """A planner over a dense map.
+
+        Raises
+        ------
+        InputError
+            If the robot's radius is more than 100 cells.
+        """
+        terrain, params = terrain or TraversabilityParams(), params or PlannerParams()
+        return cls(transition_graph(height_map, terrain, params), terrain, params)
+
     def plan(
-        self, start: Pose2D, goal: Pose2D, *, is_robot_there: bool, is_field_wanted: bool = False
+        self,
+        start: Pose2D | Sequence[float],
+        goal: Pose2D | Sequence[float],
+        *,
+        is_robot_there: bool = False,
+        is_field_wanted: bool = False,
     ) -> Plan:
         """A path from a start to a goal, or the reason why there is none.
 
         Parameters
         ----------
         start, goal : Pose2D
-        is_robot_there : bool
+            (x, y) [m] or (x, y, yaw) [rad] are taken as well.
+        is_robot_there : bool, optional
             Whether the robot is at the start: then obstacles of the map under its rectangle are
             noise. Unknown cells there are ground in any case.
-        is_field_wanted : bool
+        is_field_wanted : bool, optional
             Whether the plan contains the whole cost-to-go field; otherwise the search is A*.
+
+        Raises
+        ------
+        ValueError
+            If a pose is not one.
         """
+        start, goal = as_pose("start", start), as_pose("goal", goal)
         began = time.monotonic()
         try:
             plan = self._plan(start, goal, is_robot_there, is_field_wanted, began)

@@ -140,7 +140,7 @@ def simulate(
         "speed [m/s]": world.speed,
         "distance [m]": round(path_length(world.way), 3),
         "odometry error [m]": round(_odometry_error(events), 3),
-        "duration [s]": round(simulation.seconds, 3),
+        "duration_s": round(simulation.seconds, 3),
         "messages": len(events),
     }
 

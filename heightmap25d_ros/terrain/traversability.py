@@ -139,14 +139,16 @@ def analyse_ground(height_map: HeightMap, params: TraversabilityParams) -> Groun
 
 
 def to_obstacle_map(
-    height_map: HeightMap, params: TraversabilityParams, ground: Ground | None = None
+    height_map: HeightMap,
+    params: TraversabilityParams | None = None,
+    ground: Ground | None = None,
 ) -> ObstacleMap:
     """Obstacles and cost of a dense map; all cells beyond the map are unknown.
 
     Parameters
     ----------
     height_map : HeightMap
-    params : TraversabilityParams
+    params : TraversabilityParams, optional
     ground : Ground, optional
         The result of `analyse_ground` for the two, if it has been computed already.
 
@@ -157,20 +159,12 @@ def to_obstacle_map(
 
     Examples
     --------
-    A wall of 0.5 m on level ground, and a robot that covers its own cell only:
+    A step of 0.5 m; the obstacle is its upper end:
 
-    >>> walled = HeightMap(
-    ...     geometry=Geometry(resolution=0.5, origin=(0.0, 0.0), shape=(1, 5)),
-    ...     height=np.array([[0, 0, 50, 0, 0]], np.int16),
-    ...     probability=np.array([[65535, 65535, 65535, 65535, 0]], np.uint16),
-    ...     probability_threshold=0.5,
-    ... )
-    >>> obstacles = to_obstacle_map(walled, TraversabilityParams(robot_radius=0.2))
-    >>> obstacles.occupancy
-    array([[  0,   0, 100,   0,  -1]], dtype=int8)
-    >>> to_obstacle_map(walled, TraversabilityParams(robot_radius=0.5)).cost
-    array([[  0,  99, 100,  99,  -1]], dtype=int8)
+    >>> to_obstacle_map(HeightMap.from_metres([[0.0, 0.0, 0.5]])).occupancy
+    array([[  0,   0, 100]], dtype=int8)
     """
+    params = params or TraversabilityParams()
     ground = analyse_ground(height_map, params) if ground is None else ground
     max_step_cm = _whole(params.max_step / HEIGHT_RESOLUTION)
     cell_cm = height_map.geometry.resolution / HEIGHT_RESOLUTION

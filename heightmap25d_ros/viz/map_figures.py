@@ -41,16 +41,20 @@ _LEAST_SPAN = 0.5
 _ELEVATION, _AZIMUTH = 38.0, -62.0
 
 
-def height_map(path: Path, shown: HeightMap, trajectory: Trajectory | None = None) -> None:
+def height_map(path: Path | str, shown: HeightMap, trajectory: Trajectory | None = None) -> None:
     """Draw the heights from above; unknown cells are black.
 
     Parameters
     ----------
-    path : Path
+    path : Path or str
         Of the picture; its suffix is the format.
     shown : HeightMap
     trajectory : (N, 3) float64 [m], map
         Drawn over it.
+
+    Examples
+    --------
+    >>> height_map("heights.png", HeightMap.from_metres(np.eye(8)))
     """
     figure, axes = heights_from_above(shown)
     _draw_trajectory(axes, trajectory)
@@ -72,7 +76,9 @@ def heights_from_above(shown: HeightMap) -> tuple[Figure, Axes]:
     return figure, axes
 
 
-def obstacle_map(path: Path, shown: ObstacleMap, trajectory: Trajectory | None = None) -> None:
+def obstacle_map(
+    path: Path | str, shown: ObstacleMap, trajectory: Trajectory | None = None
+) -> None:
     """Draw the obstacle grid as Fig. 2(d): free white, unknown black, obstacles coloured.
 
     Parameters
@@ -106,7 +112,7 @@ def obstacle_map(path: Path, shown: ObstacleMap, trajectory: Trajectory | None =
     save(figure, path)
 
 
-def blocks(path: Path, shown: HeightMap, trajectory: Trajectory | None = None) -> None:
+def blocks(path: Path | str, shown: HeightMap, trajectory: Trajectory | None = None) -> None:
     """Draw a 3-D view as Fig. 2(c): each known cell from its height to its lowest neighbour.
 
     Parameters
@@ -254,7 +260,7 @@ def _draw_trajectory(axes: Axes, trajectory: Trajectory | None) -> None:
         axes.plot(trajectory[:, 0], trajectory[:, 1], **TRAJECTORY)
 
 
-def save(figure: Figure, path: Path, part: Bbox | str = "tight") -> None:
+def save(figure: Figure, path: Path | str, part: Bbox | str = "tight") -> None:
     """Write a figure, or a part of it, as a picture; reproducible to the byte."""
     FigureCanvasAgg(figure)
     figure.savefig(path, dpi=_DPI, bbox_inches=part, metadata={"Software": None})

@@ -47,7 +47,7 @@ def test_a_mount_that_is_told_late_holds_for_all_scans(capsys, tmp_path, static_
     )
     assert status == 0
     assert figures["merged"]["scans"] == 20
-    assert figures["dropped"] == figures["damaged"] == figures["other types"] == {}
+    assert figures["dropped"] == figures["damaged"] == figures["other_types"] == {}
     assert figures["warnings"] == []
 
 
@@ -64,7 +64,7 @@ def test_messages_of_another_type_are_counted(capsys, tmp_path):
     status, figures, _ = mapped(capsys, tmp_path, others + drive())
     assert status == 0
     assert figures["merged"]["scans"] == 20
-    assert figures["other types"] == {
+    assert figures["other_types"] == {
         f"{topic} (std_msgs/msg/String)": 1 for topic in ("/odom", "/scan", "/tf", "/tf_static")
     }
     assert len(figures["warnings"]) == 4

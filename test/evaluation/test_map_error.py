@@ -13,7 +13,7 @@ import pytest
 from repository import BAGS
 
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.evaluation.map_error import HeightError, evaluate_map
+from heightmap25d_ros.evaluation.map_error import LEAST_OVERLAP, HeightError, evaluate_map, overlap
 from heightmap25d_ros.evaluation.truth import Truth, read_truth
 from heightmap25d_ros.grid.height_map import Geometry, HeightMap
 from heightmap25d_ros.params.sections import TraversabilityParams
@@ -46,7 +46,7 @@ def test_heights_are_told_apart_by_the_relief_around_them() -> None:
     top = [[0.0, 0.02, 0.04, 0.10, 0.20, 0.31, NAN]]
     figures = evaluate_map(map_of([[1, 2, 4, 10, 20, 31, 0]]), PARAMS, truth_of(top))
     assert figures.error_of_seen_on_flat.cells == 1  # the first, 2 cm from the second
-    assert figures.error_of_seen_on_flat.bias == pytest.approx(0.01)
+    assert figures.error_of_seen_on_flat.bias_m == pytest.approx(0.01)
     assert figures.error_of_seen_on_slopes.cells == 2  # 4 cm and 8 cm around the next two
     assert figures.error_of_seen_at_steps.cells == 3  # 16, 21 and 11 cm
 
@@ -66,16 +66,16 @@ def test_figures_of_a_row() -> None:
         "spurious": 0.2,
         "error_of_seen": {  # 0, 0.02, 0, -0.15
             "cells": 4,
-            "bias": -0.0325,
-            "median_absolute": 0.01,
-            "percentile_95_absolute": 0.1305,
+            "bias_m": -0.0325,
+            "median_absolute_m": 0.01,
+            "percentile_95_absolute_m": 0.1305,
             "share_beyond_10_cm": 0.25,
         },
         "error_of_top": {  # 0, 0.02, 0, 0, -0.15
             "cells": 5,
-            "bias": -0.026,
-            "median_absolute": 0.0,
-            "percentile_95_absolute": 0.124,
+            "bias_m": -0.026,
+            "median_absolute_m": 0.0,
+            "percentile_95_absolute_m": 0.124,
             "share_beyond_10_cm": 0.2,
         },
         # The true step lies between the third and the fourth cell; so does the first of the two
@@ -148,17 +148,38 @@ def test_only_what_both_cover_is_compared() -> None:
     assert figures.known_cells == 1
     assert figures.known_cells_outside == 4
     assert figures.coverage == 0.25
-    assert figures.error_of_top.bias == 0.0
+    assert figures.error_of_top.bias_m == 0.0
     elsewhere = evaluate_map(map_of(heights, (90.0, 90.0)), PARAMS, truth)
     assert (elsewhere.known_cells, elsewhere.known_cells_outside) == (0, 5)
     assert elsewhere.spurious is None
     assert elsewhere.error_of_top == HeightError(
         cells=0,
-        bias=None,
-        median_absolute=None,
-        percentile_95_absolute=None,
+        bias_m=None,
+        median_absolute_m=None,
+        percentile_95_absolute_m=None,
         share_beyond_10_cm=None,
     )
+
+
+def test_overlap_counts_known_cells_that_the_truth_saw_at_their_height() -> None:
+    truth = truth_of([[0.0, 0.0, 3.0, 3.0]], [[0.0, NAN, 3.0, 3.0]])
+    # The same; not seen; 0.6 m too low; 0.4 m too low; beyond the truth.
+    assert overlap(map_of([[0, 0, 240, 260, 0]]), truth) == 2 / 5
+    assert overlap(map_of([[None, None, 300, None]]), truth) == 1.0
+    assert overlap(map_of([[0, 0]], (90.0, 90.0)), truth) == overlap(map_of([[None]]), truth) == 0
+
+
+def test_the_truth_of_another_world_is_told_apart() -> None:
+    truth = read_truth(BAG_TRUTH)
+    own = HeightMap(
+        geometry=truth.geometry,
+        height=np.rint(np.nan_to_num(truth.seen) * 100).astype(np.int16),
+        probability=np.where(np.isfinite(truth.seen), 65535, 0).astype(np.uint16),
+        probability_threshold=0.5,
+    )
+    assert overlap(own, truth) > 0.99
+    for name in ("room_1", "rough_1", "street_1", "garage_1"):
+        assert overlap(own, read_truth(BAGS / name / "truth" / "surface.npz")) < LEAST_OVERLAP
 
 
 def test_nothing_where_the_world_has_no_surface() -> None:
@@ -195,7 +216,7 @@ def test_truth_itself_is_a_perfect_map() -> None:
     assert figures.known_cells == 64 * 256
     assert figures.coverage == 1.0
     assert figures.error_of_top.share_beyond_10_cm == 0.0
-    assert abs(figures.error_of_top.percentile_95_absolute) <= 0.005 + 1e-6
+    assert abs(figures.error_of_top.percentile_95_absolute_m) <= 0.005 + 1e-6
     assert figures.blocked_transitions.f1 == 1.0
     assert figures.blocked_transitions.predicted == figures.blocked_transitions.true > 1000
 

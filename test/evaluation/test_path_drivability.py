@@ -32,15 +32,15 @@ ALONG_X = (1.0, 2.0, 0.0), (4.0, 2.0, 0.0)
 
 def test_level_ground():
     worst = driven(np.full(SHAPE, 7.5), *ALONG_X)
-    assert worst.largest_step == 0.0
-    assert worst.steepest_slope == pytest.approx(0.0, abs=1e-9)
-    assert worst.lowest_ceiling == np.inf
+    assert worst.largest_step_m == 0.0
+    assert worst.steepest_slope_rad == pytest.approx(0.0, abs=1e-9)
+    assert worst.lowest_ceiling_m == np.inf
 
 
 @pytest.mark.parametrize("height", [0.3, -0.3])
 def test_a_step_across_the_way(height):
     worst = driven(np.where(X > 2.5, height, 0.0), *ALONG_X)
-    assert worst.largest_step == pytest.approx(0.3)
+    assert worst.largest_step_m == pytest.approx(0.3)
 
 
 @pytest.mark.parametrize(
@@ -51,49 +51,49 @@ def test_a_step_across_the_way(height):
 )
 def test_a_kerb_along_the_way_counts_where_it_is_under_the_rectangle(reach, step):
     aside = Y - 2.0
-    assert driven(np.where(aside > reach, 0.5, 0.0), *ALONG_X).largest_step == step
-    assert driven(np.where(aside < -reach, 0.5, 0.0), *ALONG_X).largest_step == step
+    assert driven(np.where(aside > reach, 0.5, 0.0), *ALONG_X).largest_step_m == step
+    assert driven(np.where(aside < -reach, 0.5, 0.0), *ALONG_X).largest_step_m == step
 
 
 def test_the_rectangle_is_long_where_it_looks():
     kerb = np.where(Y > 2.35, 0.5, 0.0)
     along, across = (2.5, 2.0, 0.0), (2.5, 2.0, math.pi / 2)
-    assert driven(kerb, along).largest_step == 0.0
-    assert driven(kerb, across).largest_step == 0.5
+    assert driven(kerb, along).largest_step_m == 0.0
+    assert driven(kerb, across).largest_step_m == 0.5
     # Turned by 45 degrees a corner reaches out by half the diagonal, 0.504 m.
     kerb = np.where(Y > 2.45, 0.5, 0.0)
-    assert driven(kerb, across).largest_step == 0.0
-    assert driven(kerb, (2.5, 2.0, math.atan2(0.78, 0.64))).largest_step == 0.5
+    assert driven(kerb, across).largest_step_m == 0.0
+    assert driven(kerb, (2.5, 2.0, math.atan2(0.78, 0.64))).largest_step_m == 0.5
 
 
 def test_what_lies_between_far_poses_is_met():
     wall = np.where(np.abs(X - 2.525) < 0.02, 1.0, 0.0)
     assert wall.any()
-    assert driven(wall, *ALONG_X).largest_step == 1.0
-    assert driven(wall, ALONG_X[0]).largest_step == 0.0
+    assert driven(wall, *ALONG_X).largest_step_m == 1.0
+    assert driven(wall, ALONG_X[0]).largest_step_m == 0.0
     beyond = np.where(np.abs(X - 4.625) < 0.02, 1.0, 0.0)
-    assert driven(beyond, *ALONG_X).largest_step == 0.0
+    assert driven(beyond, *ALONG_X).largest_step_m == 0.0
 
 
 def test_the_last_pose_has_its_own_heading():
     kerb = np.where((Y > 2.35) & (X > 3.7), 0.5, 0.0)
     start, end = ALONG_X
-    assert driven(kerb, start, end).largest_step == 0.0
-    assert driven(kerb, start, (*end[:2], math.pi / 2)).largest_step == 0.5
+    assert driven(kerb, start, end).largest_step_m == 0.0
+    assert driven(kerb, start, (*end[:2], math.pi / 2)).largest_step_m == 0.5
 
 
 @pytest.mark.parametrize(("gx", "gy"), [(0.2, 0.0), (0.0, -0.5), (0.3, 0.4)])
 @pytest.mark.parametrize("heading", [0.0, 0.7])
 def test_a_plane(gx, gy, heading):
     worst = driven(gx * X + gy * Y, (1.0, 2.0, heading), (4.0, 2.0, heading))
-    assert worst.steepest_slope == pytest.approx(math.atan(math.hypot(gx, gy)), abs=1e-9)
-    assert worst.largest_step == pytest.approx((abs(gx) + abs(gy)) * CELL)  # across
+    assert worst.steepest_slope_rad == pytest.approx(math.atan(math.hypot(gx, gy)), abs=1e-9)
+    assert worst.largest_step_m == pytest.approx((abs(gx) + abs(gy)) * CELL)  # across
 
 
 def test_the_steepest_part_counts():
     ramp = np.interp(X, [2.0, 3.5], [0.0, 0.6])
-    assert driven(ramp, *ALONG_X).steepest_slope == pytest.approx(math.atan(0.4), abs=1e-9)
-    assert driven(ramp, ALONG_X[0]).steepest_slope == pytest.approx(0.0, abs=1e-9)
+    assert driven(ramp, *ALONG_X).steepest_slope_rad == pytest.approx(math.atan(0.4), abs=1e-9)
+    assert driven(ramp, ALONG_X[0]).steepest_slope_rad == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -101,35 +101,35 @@ def test_the_steepest_part_counts():
 )
 def test_beyond_the_true_surface(pose):
     worst = driven(np.zeros(SHAPE), pose)
-    assert worst.largest_step == worst.steepest_slope == np.inf
-    assert driven(np.zeros(SHAPE), (2.0, 2.0, 0.0), pose).largest_step == np.inf
+    assert worst.largest_step_m == worst.steepest_slope_rad == np.inf
+    assert driven(np.zeros(SHAPE), (2.0, 2.0, 0.0), pose).largest_step_m == np.inf
 
 
 def test_a_hole_under_the_rectangle_and_beside_it():
     hole = np.zeros(SHAPE)
     hole[40, 60] = np.nan
-    assert driven(hole, *ALONG_X).largest_step == np.inf
-    assert driven(hole, (1.0, 1.0, 0.0), (4.0, 1.0, 0.0)).largest_step == 0.0
+    assert driven(hole, *ALONG_X).largest_step_m == np.inf
+    assert driven(hole, (1.0, 1.0, 0.0), (4.0, 1.0, 0.0)).largest_step_m == 0.0
 
 
 def test_the_lowest_ceiling_over_the_way():
     clearance = np.where(np.abs(X - 3.0) < 0.1, 1.25, np.inf)
     clearance[IY < 5] = 0.3
     worst = driven(np.zeros(SHAPE), *ALONG_X, clearance=clearance)
-    assert worst.lowest_ceiling == 1.25
-    assert driven(np.zeros(SHAPE), ALONG_X[0], clearance=clearance).lowest_ceiling == np.inf
+    assert worst.lowest_ceiling_m == 1.25
+    assert driven(np.zeros(SHAPE), ALONG_X[0], clearance=clearance).lowest_ceiling_m == np.inf
 
 
 def test_a_surface_that_does_not_begin_at_zero():
     moved = ground(np.where(X > 2.5, 0.3, 0.0), origin=(-20.0, 30.0))
     path = np.array(ALONG_X) + (-20.0, 30.0, 0.0)
-    assert evaluate_path(moved, path, *SIZE).largest_step == pytest.approx(0.3)
+    assert evaluate_path(moved, path, *SIZE).largest_step_m == pytest.approx(0.3)
 
 
 def test_figures_by_name():
-    worst = Drivability(largest_step=0.12345, steepest_slope=np.inf, lowest_ceiling=2.0)
+    worst = Drivability(largest_step_m=0.12345, steepest_slope_rad=np.inf, lowest_ceiling_m=2.0)
     assert worst.as_dict() == {
-        "largest_step": 0.123, "steepest_slope": None, "lowest_ceiling": 2.0,
+        "largest_step_m": 0.123, "steepest_slope_rad": None, "lowest_ceiling_m": 2.0,
     }  # fmt: skip
 
 

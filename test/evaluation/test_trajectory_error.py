@@ -16,33 +16,35 @@ def along_x(y=0.0, z=0.0, yaw=0.0):
 def test_no_error():
     error = evaluate_trajectory(STAMPS, along_x(), STAMPS, along_x())
     assert error.poses == 5
-    assert error.ate_rmse == error.ate_max == error.final_yaw == pytest.approx(0.0, abs=1e-9)
+    assert (
+        error.ate_rmse_m == error.ate_max_m == error.final_yaw_deg == pytest.approx(0.0, abs=1e-9)
+    )
 
 
 def test_a_constant_offset_is_the_error():
     error = evaluate_trajectory(STAMPS, along_x(y=0.3, z=0.4, yaw=0.1), STAMPS, along_x())
-    assert error.ate_rmse == pytest.approx(0.5)
-    assert error.final_position == pytest.approx(0.3)
-    assert error.z_rmse == pytest.approx(0.4)
-    assert error.final_yaw == error.yaw_rmse == pytest.approx(np.degrees(0.1))
+    assert error.ate_rmse_m == pytest.approx(0.5)
+    assert error.final_position_m == pytest.approx(0.3)
+    assert error.z_rmse_m == pytest.approx(0.4)
+    assert error.final_yaw_deg == error.yaw_rmse_deg == pytest.approx(np.degrees(0.1))
 
 
 def test_drift_by_hand():
     poses = along_x()
     poses[:, 1, 3] = [0.0, 0.0, 0.0, 0.0, 1.0]
     error = evaluate_trajectory(STAMPS, poses, STAMPS, along_x())
-    assert error.ate_rmse == pytest.approx(np.sqrt(1 / 5))
-    assert error.ate_max == error.final_position == pytest.approx(1.0)
+    assert error.ate_rmse_m == pytest.approx(np.sqrt(1 / 5))
+    assert error.ate_max_m == error.final_position_m == pytest.approx(1.0)
 
 
 def test_the_truth_is_interpolated_and_poses_outside_of_it_do_not_count():
     stamps = np.array([-1, 5 * 10**8, 25 * 10**8, 9 * 10**9])
     poses = se3.from_xyz_rpy([[x, 0, 0, 0, 0, 0] for x in (50.0, 0.5, 2.5, 50.0)])
     error = evaluate_trajectory(stamps, poses, STAMPS, along_x())
-    assert (error.poses, error.ate_max) == (2, pytest.approx(0.0, abs=1e-9))
+    assert (error.poses, error.ate_max_m) == (2, pytest.approx(0.0, abs=1e-9))
     assert evaluate_trajectory(stamps[:1], poses[:1], STAMPS, along_x()) is None
 
 
 def test_yaw_errors_wrap_around():
     error = evaluate_trajectory(STAMPS, along_x(yaw=3.1), STAMPS, along_x(yaw=-3.1))
-    assert error.final_yaw == pytest.approx(np.degrees(2 * np.pi - 6.2))
+    assert error.final_yaw_deg == pytest.approx(np.degrees(2 * np.pi - 6.2))

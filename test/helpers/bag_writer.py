@@ -48,10 +48,11 @@ def laser_scan(
     **changes: float,
 ) -> Any:
     ranges = np.array(ranges, np.float32)
+    increment = min(0.1, 6.0 / max(len(ranges), 1))  # less than a turn
     fields = {
         "angle_min": -0.5,
-        "angle_max": -0.5 + 0.1 * (len(ranges) - 1),
-        "angle_increment": 0.1,
+        "angle_max": -0.5 + increment * (len(ranges) - 1),
+        "angle_increment": increment,
         "time_increment": 0.0,
         "scan_time": 0.1,
         "range_min": 0.1,

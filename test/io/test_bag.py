@@ -7,8 +7,9 @@ import shutil
 import numpy as np
 import pytest
 from bag_writer import STORE, laser_scan, odometry, qos, tf_message, write_bag
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from properties import draws
 from rosbags.interfaces import QosDurability, QosReliability
 from rosbags.rosbag2 import CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -265,7 +266,7 @@ def test_a_truncated_bag_is_read_as_far_as_it_goes(tmp_path, storage, compressio
         assert part < 0.9 or compression is CompressionMode.FILE
 
 
-@settings(max_examples=60)
+@draws(60)
 @given(st.sampled_from([StoragePlugin.SQLITE3, StoragePlugin.MCAP]), st.integers(0, 2**32 - 1))
 def test_damage_anywhere_is_told_or_skipped(tmp_path_factory, storage, seed):
     """Ten bytes changed at random: an InputError or events, nothing else."""

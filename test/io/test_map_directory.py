@@ -20,10 +20,11 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, assume, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 from PIL import Image
+from properties import draws
 
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_map import Geometry, HeightMap
@@ -147,6 +148,7 @@ def test_round_trip(tmp_path_factory, arrays, resolution, ix, iy, frame_id) -> N
         resolution=resolution, origin=(ix * resolution, iy * resolution), shape=height.shape
     )
     given_map = height_map(geometry=geometry, height=height, probability=probability)
+    assume(given_map.known.any())
     directory = tmp_path_factory.mktemp("maps") / "room"
     map_directory.save(directory, given_map, obstacle_map(occupancy, geometry), frame_id)
 
@@ -218,6 +220,16 @@ def test_map_without_cells_is_not_saved(tmp_path: Path) -> None:
         )
     with pytest.raises(ValueError, match="same cells"):
         map_directory.save(tmp_path / "a", height_map(), obstacle_map(OCCUPANCY, geometry), "map")
+
+
+def test_map_without_known_cells_replaces_none(tmp_path: Path) -> None:
+    """Also where something was observed, but too little to know a height."""
+    directory = saved(tmp_path / "room")
+    for probability in (0, 30000):
+        empty = height_map(probability=np.full((2, 3), probability, np.uint16))
+        with pytest.raises(InputError, match=f"{6 * (probability > 0)} cells were observed"):
+            map_directory.save(directory, empty, obstacle_map(), "odom")
+    assert map_directory.load(directory, 0.5).frame_id == "map"
 
 
 def test_names_of_maps(tmp_path: Path) -> None:
@@ -328,7 +340,7 @@ def test_missing_or_foreign_file(tmp_path: Path) -> None:
         map_directory.load(tmp_path, 0.5)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=300)
+@draws(200, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.data())
 def test_damage_is_refused_or_harmless(tmp_path: Path, data: st.DataObject) -> None:
     directory = tmp_path / "room"

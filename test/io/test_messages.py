@@ -82,6 +82,9 @@ def test_scan_may_disagree_with_itself_about_its_last_beams(type_of, steps):
         ("time_increment", 40.0),
         ("range_min", NAN),
         ("range_min", 31.0),
+        ("range_max", NAN),
+        ("range_max", INF),
+        ("range_min", -INF),
     ],
 )
 def test_scan_with_a_bad_field_is_refused_by_its_name(type_of, field, value):
@@ -89,12 +92,47 @@ def test_scan_with_a_bad_field_is_refused_by_its_name(type_of, field, value):
         decode.scan(laser_scan(0, type_of=type_of, **{field: value}))
 
 
-@pytest.mark.parametrize(
-    ("ranges", "angle_max"), [([], -0.5), ([1.0] * 3, 0.1), ([1.0] * 3, -0.9), ([1.0], 0.5)]
-)
+@pytest.mark.parametrize(("ranges", "angle_max"), [([], -0.5), ([1.0] * 3, 0.1), ([1.0], 0.5)])
 def test_scan_with_the_wrong_number_of_ranges_is_refused(type_of, ranges, angle_max):
     with pytest.raises(InputError, match=r"^ranges: "):
         decode.scan(laser_scan(0, ranges, type_of=type_of, angle_max=angle_max))
+
+
+def turn(degrees=360.0, step=0.5, **changes):
+    """Angles of a laser that turns, with one beam for each step [degrees]."""
+    count = round(degrees / step) + 1
+    half, increment = math.radians(degrees) / 2, math.radians(step)
+    angles = {"angle_min": -half, "angle_max": half, "angle_increment": increment}
+    return laser_scan(0, np.ones(count), **(angles | changes))
+
+
+def test_scan_of_a_whole_turn_may_have_one_step_more():
+    assert len(decode.scan(turn(360.0)).ranges) == 721
+    assert len(decode.scan(turn(360.5)).ranges) == 722
+
+
+@pytest.mark.parametrize(
+    ("message", "field", "numbers"),
+    [
+        (turn(362.0), "angle_max", ("6.31809", "more than a turn")),
+        (
+            laser_scan(0, np.ones(181), angle_min=-90.0, angle_max=90.0, angle_increment=1.0),
+            "angle_max",
+            ("-90", "90", "180 rad", "degrees"),
+        ),
+        (turn(180.0, angle_increment=0.5), "angle_increment", ("361", "0.5 rad", "180 rad")),
+        (turn(180.0, angle_increment=-math.radians(0.5)), "angle_increment", ("-0.00872665",)),
+        (laser_scan(0, [1.0] * 3, angle_max=-0.9), "angle_increment", ("0.1", "-0.5", "-0.9")),
+        (turn(180.0, angle_increment=math.radians(1.0)), "ranges", ("361", "181 beams")),
+        (turn(180.0, range_min=5.0, range_max=2.0), "range_min", ("5", "2")),
+    ],
+    ids=["over a turn", "degrees", "increment in degrees", "sign", "other sign", "count", "limits"],
+)
+def test_scan_that_contradicts_itself_is_refused_with_the_numbers(message, field, numbers):
+    with pytest.raises(InputError, match=rf"^{field}: ") as refusal:
+        decode.scan(message)
+    for number in numbers:
+        assert number in str(refusal.value)
 
 
 def test_negative_stamps_are_refused(type_of):

@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from properties import draws
 
 from heightmap25d_ros.localization.matching import (
     Cost,
@@ -81,7 +82,7 @@ def situations(draw):
     return some, rng.uniform(-0.2, 0.2, 3), surface(heights)
 
 
-@settings(max_examples=60, deadline=None)
+@draws(60)
 @given(situations())
 def test_score_is_the_slow_one(situation):
     some, hypothesis, over = situation
@@ -94,7 +95,7 @@ def test_score_is_the_slow_one(situation):
     assert 0.0 <= found.overlap <= 1.0 + 1e-12
 
 
-@settings(max_examples=30, deadline=None)
+@draws(30)
 @given(situations(), st.floats(-0.4, 0.4))
 def test_an_error_of_z_is_found_and_costs_nothing(situation, z):
     some, _, _ = situation

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from heightmap25d_msgs.msg import LocalizationStatus
@@ -29,7 +29,6 @@ def registration(reason=Reason.ACCEPTED, offset=(0.0, 0.0, 0.0), information=Non
     )  # fmt: skip
 
 
-@settings(deadline=None)
 @given(poses, poses, st.tuples(*[st.floats(-0.5, 0.5)] * 3), st.floats(-0.5, 0.5))
 def test_a_sure_registration_moves_the_robot_by_its_offset(T_map_odom, T_odom_base, offset, z):
     yaw = se3.to_xyz_rpy(T_map_odom)[5]
@@ -64,7 +63,6 @@ def test_driving_makes_it_less_sure_and_an_unsure_heading_sideways_most():
     )
 
 
-@settings(deadline=None)
 @given(poses, poses, poses, st.floats(0.01, 1.0))
 def test_others_are_told_no_faster_than_allowed_and_in_the_end_all(start, target, base, seconds):
     smooth = SmoothCorrection(PARAMS, start)

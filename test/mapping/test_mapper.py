@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from literal_mapper import LiteralMap
+from properties import draws
 
 from heightmap25d_ros.grid.height_grid import HeightGrid
 from heightmap25d_ros.grid.height_map import PROBABILITY_SCALE, Area
@@ -65,7 +66,6 @@ def random_scan(rng, count, spread=6.0):
 
 
 @pytest.mark.parametrize("rule", RULES)
-@settings(max_examples=100, deadline=None)
 @given(heights=st.lists(st.integers(-50, 300), min_size=1, max_size=40))
 def test_no_reading_lowers_a_known_cell(rule, heights):
     m = mapper(update_rule=rule)
@@ -97,7 +97,7 @@ def test_a_beam_through_the_corners_of_cells_passes_only_the_diagonal(signs):
 
 
 @pytest.mark.parametrize("rule", RULES)
-@settings(max_examples=100, deadline=None)
+@draws(20)
 @given(
     seed=st.integers(0, 2**32 - 1),
     probability_max=st.sampled_from([0.9, 0.98, 1.0]),
@@ -249,7 +249,7 @@ def test_cells_not_under_a_beam_stay_bit_identical(rule):
 
 @pytest.mark.parametrize("rule", RULES)
 @pytest.mark.parametrize("shift", [(1, 0), (-37, 21)])
-@settings(max_examples=20, deadline=None)
+@draws(20)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_moving_the_world_by_whole_cells_moves_the_map(rule, shift, seed):
     rng = np.random.default_rng(seed)
@@ -268,7 +268,7 @@ def test_moving_the_world_by_whole_cells_moves_the_map(rule, shift, seed):
 
 
 @pytest.mark.parametrize("rule", RULES)
-@settings(max_examples=20, deadline=None)
+@draws(20)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_turning_the_world_by_90_degrees_turns_the_map(rule, seed):
     rng = np.random.default_rng(seed)
@@ -288,7 +288,7 @@ def test_turning_the_world_by_90_degrees_turns_the_map(rule, seed):
 
 
 @pytest.mark.parametrize("rule", RULES)
-@settings(max_examples=20, deadline=None)
+@draws(20)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_beams_over_different_cells_may_come_in_any_order(rule, seed):
     rng = np.random.default_rng(seed)

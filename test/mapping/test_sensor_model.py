@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from heightmap25d_ros import se3
-from heightmap25d_ros.mapping.sensor_model import Scan, beams, lone_returns
+from heightmap25d_ros.mapping.sensor_model import Scan, beams, lone_returns, no_returns
 from heightmap25d_ros.params.sections import SensorParams
 
 LEVEL = se3.from_xyz_rpy([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0]])
@@ -66,6 +66,51 @@ def test_rep_117_values():
 def test_no_return_clears_no_farther_than_the_laser_sees():
     result = beams(scan([np.inf], range_max=4.0), LEVEL, LEVEL, SensorParams(clearing_range=7.0))
     np.testing.assert_allclose(result.ends, [(4, 0, 0)])
+
+
+def test_no_return_is_none_beside_one_where_the_laser_sees_without_limit():
+    given_scan = scan([np.inf, 5.0, 5.0], angle_increment=0.001, range_max=np.inf)
+    result = beams(given_scan, LEVEL, LEVEL, UP, lone_return=0.15)
+    assert result.is_hit.tolist() == [False, True, True]
+    assert not result.is_lone.any()
+
+
+ODD = [0.0, 0.05, 0.1, 5.0, 79.9, 80.0, 81.0, np.inf, np.nan, -np.inf]
+
+
+@pytest.mark.parametrize(
+    ("convention", "misses", "returns"),
+    [
+        ("rep117", [7], [2, 3, 4, 5]),
+        ("zero", [0, 7], [2, 3, 4, 5]),
+        ("range_max", [5, 6, 7], [2, 3, 4]),
+        ("out_of_range", [0, 1, 2, 5, 6, 7], [3, 4]),
+    ],
+)
+def test_a_parameter_says_what_means_no_return(convention, misses, returns):
+    params = SensorParams(no_return=convention, clearing_range=7.0, max_range=200.0, max_height=9.0)
+    given_scan = scan(ODD, angle_increment=0.01)
+    assert np.flatnonzero(no_returns(given_scan, convention)).tolist() == misses
+    result = beams(given_scan, LEVEL, LEVEL, params)
+    assert np.count_nonzero(~result.is_hit) == len(misses)
+    lengths = np.linalg.norm(result.ends - result.origins, axis=1)
+    np.testing.assert_allclose(lengths[~result.is_hit], 7.0)
+    np.testing.assert_allclose(lengths[result.is_hit], np.float32([ODD[i] for i in returns]))
+
+
+def test_no_return_at_a_range_max_that_is_no_float32():
+    """4.1 is a little more as float32 than as float64."""
+    for stored in (4.1, float(np.float32(4.1))):
+        given_scan = scan([4.1], range_max=stored)
+        assert no_returns(given_scan, "range_max").all()
+
+
+@pytest.mark.parametrize("range_min", [0.0, 0.1])
+def test_a_post_between_zeros_is_a_post(range_min):
+    """Zeros measured nothing, also where the laser says that it measures from 0 on."""
+    given_scan = scan([0.0, 0.0, 3.0, 0.0, 0.0], range_min=range_min, angle_increment=0.01)
+    result = beams(given_scan, LEVEL, LEVEL, SensorParams(), lone_return=0.15)
+    assert (result.is_hit.tolist(), result.is_lone.tolist()) == ([True], [False])
 
 
 @pytest.mark.parametrize("pitch", [0.0, 0.4])

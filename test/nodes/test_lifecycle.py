@@ -12,6 +12,7 @@ from bag_writer import laser_scan, odometry, rclpy_type
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from node_client import MAPS, PATIENCE, Client, mapping_node, node_process, start
+from std_srvs.srv import Trigger
 
 from heightmap25d_msgs.srv import SaveMap
 from heightmap25d_ros.io import map_directory
@@ -131,6 +132,26 @@ def test_a_signal_saves_the_map_and_ends_the_node_with_status_0(tmp_path):
             process.send_signal(signal.SIGINT)
             client.spin(0.02)
     client.close()
+    assert map_directory.load(tmp_path / "last", 0.5).height_map.known.any()
+
+
+def test_a_node_that_has_seen_nothing_saves_nothing(tmp_path):
+    """Neither when asked nor when it ends, whether it never saw anything or was cleared."""
+    client = Manager("mapping", "/unseen")
+    client.subscribe("map", MAPS["map"])
+    saving = ("-p", "mapping.autosave:=last")
+    with mapping_node(tmp_path, *MOUNT, *saving, namespace="/unseen") as process:
+        refused = client.call("mapping/save_map", SaveMap, name="last")
+        assert (refused.success, "nothing has been mapped" in refused.message) == (False, True)
+        client.drive(0)
+        client.wait(lambda: "map" in client.newest)
+        assert client.call("mapping/save_map", SaveMap, name="last").success
+        assert client.call("mapping/clear_map", Trigger).success
+        assert not client.call("mapping/save_map", SaveMap, name="last").success
+        process.send_signal(signal.SIGINT)
+        process.wait(timeout=PATIENCE)
+    client.close()
+    assert process.returncode == 0
     assert map_directory.load(tmp_path / "last", 0.5).height_map.known.any()
 
 

@@ -5,7 +5,6 @@
 import array
 import math
 import subprocess
-import time
 
 import numpy as np
 import pytest
@@ -256,8 +255,6 @@ def test_who_subscribes_late_gets_the_plan(after_the_ramp):
 
 def test_a_misspelt_parameter_is_refused():
     process = start("nodes.planning", "--ros-args", "-p", "planner.climb_wait:=1.0", stderr=subprocess.PIPE)  # fmt: skip  # noqa: E501
-    began = time.monotonic()
     _, log = process.communicate(timeout=PATIENCE)
     assert process.returncode == 2
     assert "did you mean planner.climb_weight?" in log
-    assert time.monotonic() - began < PATIENCE

@@ -28,6 +28,8 @@ from heightmap25d_ros.params.by_name import with_values
 from heightmap25d_ros.pipelines.localization import Localizer
 from heightmap25d_ros.pipelines.replay import feed
 
+pytestmark = pytest.mark.slow  # whole drives
+
 
 @pytest.fixture(scope="module")
 def room(tmp_path_factory):

@@ -5,10 +5,11 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from literal_transitions import AROUND, LiteralGround, random_steps
 from literal_traversability import LiteralTerrain
+from properties import draws
 from scipy import ndimage
 from small_terrain import SEEDS, graph, height_map, random_graph
 
@@ -56,7 +57,7 @@ def assert_costs_by_the_definition(terrain):
 
 
 @given(SEEDS)
-@settings(max_examples=60)
+@draws(60)
 def test_costs_by_the_definition(seed):
     assert_costs_by_the_definition(random_graph(seed, most_side=9))
 
@@ -84,7 +85,7 @@ def test_costs_up_down_and_across_a_plane():
 
 
 @given(SEEDS)
-@settings(max_examples=150)
+@draws(150)
 def test_a_part_put_in_place_is_as_if_all_were_built_anew(seed):
     terrain = random_graph(seed)
     rng = np.random.default_rng(seed + 1)

@@ -7,10 +7,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from literal_transitions import LiteralGround, rectangle_holds
 from planner_worlds import CELL, World, center, random_place, route_planner
+from properties import draws
 from scipy import ndimage
 from small_terrain import SEEDS
 
@@ -70,7 +71,7 @@ def assert_drivable(plan, graph, occupied, size):
 
 
 @given(SEEDS)
-@settings(max_examples=1200)
+@draws(200)
 def test_random_maps_with_a_robot_that_fits_wherever_its_disc_does(seed):
     rng = np.random.default_rng(seed)
     world = World.random(rng)
@@ -99,7 +100,7 @@ def test_random_maps_with_a_robot_that_fits_wherever_its_disc_does(seed):
 
 
 @given(SEEDS)
-@settings(max_examples=800)
+@draws(200)
 def test_random_maps_with_a_robot_longer_than_its_disc(seed):
     rng = np.random.default_rng(seed)
     world = World.random(rng)
@@ -121,7 +122,7 @@ def test_random_maps_with_a_robot_longer_than_its_disc(seed):
 
 
 @given(SEEDS)
-@settings(max_examples=300)
+@draws(200)
 def test_random_maps_with_the_robot_anywhere(seed):
     rng = np.random.default_rng(seed)
     world = World.random(rng)
@@ -262,7 +263,7 @@ def test_the_goals_heading_is_kept_and_else_the_path_ends_as_it_comes():
 
 
 @given(SEEDS, st.sampled_from([0.3, 1.0, 3.0]))
-@settings(max_examples=150)
+@draws(150)
 def test_the_tolerance_picks_the_nearest_place_that_can_be_reached(seed, tolerance):
     rng = np.random.default_rng(seed)
     world = World.random(rng)

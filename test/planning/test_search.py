@@ -5,9 +5,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from literal_transitions import AROUND, distances, steps_closed
+from properties import draws
 from small_terrain import SEEDS, drawn, graph, random_cells, random_graph
 
 from heightmap25d_ros.planning.search import (
@@ -214,7 +215,7 @@ def assert_exact(incoming, goal, start):
 
 
 @given(SEEDS)
-@settings(max_examples=400)
+@draws(200)
 def test_the_field_is_dijkstras_and_the_guided_search_agrees(seed):
     terrain = random_graph(seed)
     cells = random_cells(terrain, seed, 2)
@@ -223,13 +224,13 @@ def test_the_field_is_dijkstras_and_the_guided_search_agrees(seed):
 
 
 @given(SEEDS)
-@settings(max_examples=300)
+@draws(200)
 def test_costs_that_go_with_no_ground_are_searched_just_as_exactly(seed):
     assert_exact(*random_incoming(seed))
 
 
 @given(seed=SEEDS, largest=st.sampled_from([75, 110, 300, LARGEST_COST]))
-@settings(max_examples=30)
+@draws(30)
 def test_the_guided_search_on_larger_grids(seed, largest):
     rng = np.random.default_rng(seed)
     shape = 70, 90

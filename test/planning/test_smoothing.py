@@ -5,9 +5,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from literal_transitions import LiteralGround, rectangle_holds, steps_closed
+from properties import draws
 from small_terrain import SEEDS, drawn, graph, random_cells, random_graph
 
 from heightmap25d_ros.planning.collision import first_overlap, least_clearance
@@ -20,7 +21,7 @@ from heightmap25d_ros.planning.smoothing import (
     swept,
 )
 
-MOST = settings(max_examples=200)
+MOST = draws(200)
 
 
 def pulled(terrain, start, goal):
@@ -45,7 +46,7 @@ def length(points):
 
 
 @given(SEEDS)
-@settings(max_examples=300)
+@draws(200)
 def test_lines_by_exact_fractions(seed):
     terrain = random_graph(seed, share_closed=0.15)
     literal = LiteralGround.of(terrain)

@@ -32,6 +32,7 @@ def scan(ranges):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rule", ["paper", "candidate"])
 def test_a_minute_of_unanswered_beams_takes_nothing_from_the_ground_ahead(rule):
     """The robot drives 8 m back from ground that it sees, 1 cm of noise, and then stands."""

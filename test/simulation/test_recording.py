@@ -47,11 +47,13 @@ def stamp(message) -> int:
     return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
 
 
+@pytest.mark.slow
 def test_same_seed_same_bytes(recorded: Path, tmp_path: Path) -> None:
     assert main(["simulate", "arch", "--seed", "1", "-o", str(tmp_path / "arch_1")]) == 0
     assert sha256(recorded) == sha256(tmp_path / "arch_1")
 
 
+@pytest.mark.slow
 def test_stamps_and_increments(recorded: Path) -> None:
     poses, scans = [], {"/scan": [], "/scan_down": []}
     for topic, logged, message in messages(recorded, "/odom", *scans):
@@ -72,6 +74,7 @@ def test_stamps_and_increments(recorded: Path) -> None:
         assert stamps[-1] + 1e9 / 75 <= poses[-1] + 2
 
 
+@pytest.mark.slow
 def test_ranges_follow_rep_117(recorded: Path) -> None:
     for _, _, message in messages(recorded, "/scan", "/scan_down"):
         finite = np.isfinite(message.ranges)
@@ -80,6 +83,7 @@ def test_ranges_follow_rep_117(recorded: Path) -> None:
         assert (message.ranges[finite] <= np.float32(message.range_max)).all()
 
 
+@pytest.mark.slow
 def test_mounts_frames_and_qualities(recorded: Path) -> None:
     mounts = {
         t.child_frame_id: t
@@ -100,6 +104,7 @@ def test_mounts_frames_and_qualities(recorded: Path) -> None:
     assert offered["/tf_static"].durability == QosDurability.TRANSIENT_LOCAL
 
 
+@pytest.mark.slow
 def test_true_odometry_is_the_truth_and_the_other_drifts(recorded: Path, tmp_path: Path) -> None:
     exact = tmp_path / "exact"
     options = ["--scan-rate", "1", "--true-odometry", "--nodding"]

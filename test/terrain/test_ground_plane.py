@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from literal_traversability import LiteralTerrain
+from properties import draws
 from scipy import ndimage
 
 from heightmap25d_ros.grid.height_map import HEIGHT_LIMIT
@@ -42,7 +43,7 @@ def assert_as_defined(height, known, radius_squared, max_step, cells):
     max_step=st.sampled_from([1, 4, 10, 40]),
     share_known=st.sampled_from([0.3, 0.7, 1.0]),
 )
-@settings(max_examples=150)
+@draws(150)
 def test_planes_by_the_definition(seed, radius_squared, max_step, share_known):
     rng = np.random.default_rng(seed)
     shape = tuple(rng.integers(1, 13, 2))

@@ -4,9 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from literal_traversability import LiteralTerrain
+from properties import draws
 from scipy import ndimage
 
 from heightmap25d_ros.errors import InputError
@@ -56,7 +57,6 @@ def near(mask):
     max_step=st.sampled_from([0.05, 0.1, 0.29]),
     max_slope=st.sampled_from([0.2, 0.44, 1.0]),
 )
-@settings(max_examples=100)
 def test_everything_by_the_definition(seed, radius, max_step, max_slope):
     rng = np.random.default_rng(seed)
     shape = tuple(rng.integers(1, 13, 2))
@@ -259,7 +259,7 @@ def edit(grid, rng):
     radius=st.sampled_from([0.0, 0.5, 2.2]),
     counts=st.lists(st.integers(0, 4), min_size=1, max_size=5),
 )
-@settings(max_examples=40)
+@draws(40)
 def test_what_is_converted_again_equals_the_whole(seed, radius, counts):
     rng = np.random.default_rng(seed)
     params = TraversabilityParams(robot_radius=radius)

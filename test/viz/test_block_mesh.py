@@ -8,9 +8,10 @@ from math import cos, sin
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
+from properties import draws
 
 from heightmap25d_ros.grid.height_map import Geometry, HeightMap
 from heightmap25d_ros.viz import block_mesh
@@ -84,7 +85,7 @@ def depth_at(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     return np.where(inside, points @ plane[:2] + plane[2], NAN)
 
 
-@settings(max_examples=60)
+@draws(60)
 @given(
     npst.arrays(float, (4, 5), elements=st.sampled_from([NAN, 0.0, 0.2, 0.7, 2.0])),
     st.floats(-3.1, 3.1),

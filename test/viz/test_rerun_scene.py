@@ -37,6 +37,7 @@ def test_without_rerun_it_says_how_to_get_it(monkeypatch, capsys):
     assert said == "heightmap25d: view needs rerun: pip install -r requirements/view.txt\n"
 
 
+@pytest.mark.slow
 @needs_rerun
 def test_bag_becomes_a_recording_along_its_time(tmp_path, capsys):
     recording = tmp_path / "ramp.rrd"
@@ -50,6 +51,7 @@ def test_bag_becomes_a_recording_along_its_time(tmp_path, capsys):
     assert sum(map(int, maps)) == 15
 
 
+@pytest.mark.slow
 @needs_rerun
 def test_map_becomes_a_recording_without_time(tmp_path, capsys):
     recording = tmp_path / "map.rrd"
