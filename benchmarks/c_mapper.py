@@ -30,7 +30,10 @@ class _Rule(ctypes.Structure):
     _fields_ = [
         *((name, ctypes.c_int64) for name in ("candidate", "tolerance", "allowance", "known")),
         *((name, ctypes.c_int64) for name in ("lowest", "highest", "candidate_belief")),
-        *((name, ctypes.c_double) for name in ("clearing_margin", "clearing_width")),
+        *(
+            (name, ctypes.c_double)
+            for name in ("clearing_margin", "clearing_fall", "clearing_width")
+        ),
         ("replace_belief", ctypes.c_double),
     ]
 
@@ -76,6 +79,7 @@ class CMapper:
             highest=stored_probability(params.probability_max),
             candidate_belief=stored_probability(params.candidate_belief),
             clearing_margin=params.clearing_margin / HEIGHT_RESOLUTION if candidate else 0.0,
+            clearing_fall=params.clearing_fall / HEIGHT_RESOLUTION if candidate else 0.0,
             replace_belief=params.replace_belief,
         )
         arrays = (

@@ -18,6 +18,7 @@
 #define TICKS 0x1p40
 #define FEW 1024
 #define ENDLESS 0x1p57
+#define HEIGHT_STEP 1.0
 #define LEVEL 0.25
 #define GOLDEN 2654435761
 #define PROBES 16
@@ -28,7 +29,7 @@ typedef struct {
 
 typedef struct {
   int64_t candidate, tolerance, allowance, known, lowest, highest, candidate_belief;
-  double clearing_margin, clearing_width, replace_belief;
+  double clearing_margin, clearing_fall, clearing_width, replace_belief;
 } Rule;
 
 typedef struct {
@@ -228,6 +229,12 @@ static inline int clear_tile(const Grid *grid, int64_t tile, int64_t start, int6
   return is_lost;
 }
 
+static inline double margin(double fall, const Rule *rule) {
+  if (fall >= rule->clearing_fall) return rule->clearing_margin;
+  double share = fall / rule->clearing_fall;
+  return share * rule->clearing_margin - (1.0 - share) * HEIGHT_STEP;
+}
+
 static inline void include(int64_t ty, int64_t tx, int64_t *bounds) {
   bounds[0] = min_i(bounds[0], ty);
   bounds[1] = min_i(bounds[1], tx);
@@ -244,7 +251,8 @@ static inline void clear(const Grid *grid, const double *origin, const double *e
   Axis x = axis(upper[0], lower[0]), y = axis(upper[1], lower[1]);
   int64_t first = min_i(exit_of(floor(upper[0]), 1, x), exit_of(floor(upper[1]), 1, y));
   int64_t last = max_i(entry_of(floor(lower[0]), x), entry_of(floor(lower[1]), y)) - FEW;
-  double z = upper[2] + rule->clearing_margin, fall = upper[2] - lower[2];
+  double fall = upper[2] - lower[2];
+  double z = upper[2] + margin(fall, rule);
   double ticks_per_cm = TICKS / max_d(fall, LEVEL), biased_z = z + TOP_BIAS;
   int64_t tx = (int64_t)upper[0] / TILE, ty = (int64_t)upper[1] / TILE;
   int64_t tile = ty * grid->tile_columns + tx;

@@ -148,7 +148,7 @@ def test_the_map_is_evaluated_where_the_truth_is(near_and_far, tmp_path: Path):
         error = evaluate_map(
             height_map, PARAMS.traversability, read_truth(tmp_path / "surface.npz")
         )
-        figures.append((error.blocked_transitions.f1, error.error_of_seen.bias))
+        figures.append((error.blocked_transitions.f1, error.error_of_seen.bias_m))
     assert figures[1] == pytest.approx(figures[0], abs=1e-6)
 
 

@@ -176,17 +176,20 @@ class HeightMap:
         *,
         resolution: float | None = None,
         origin: tuple[float, float] = (0.0, 0.0),
+        ground_zero: float = 0.0,
     ) -> HeightMap:
         """The map of an array of heights; those that are given are certain.
 
         Parameters
         ----------
-        metres : (rows, columns) [m] above ground zero
-            Rows along y, columns along x; NaN: unknown.
+        metres : (rows, columns) [m], map
+            z; rows along y, columns along x; NaN: unknown.
         resolution : float [m], optional
             Side of a cell; that of `GridParams` by default.
         origin : (2,) [m], map
             x and y of the outer corner of cell (0, 0).
+        ground_zero : float [m], map
+            z of height 0.
 
         Raises
         ------
@@ -213,7 +216,7 @@ class HeightMap:
         if corner.shape != (2,) or not np.isfinite(corner).all():
             raise ValueError(f"origin: {origin} is not x, y")
         known = ~np.isnan(array)
-        height = np.rint(np.where(known, array, 0.0) / HEIGHT_RESOLUTION)
+        height = np.rint(np.where(known, array - ground_zero, 0.0) / HEIGHT_RESOLUTION)
         if height.size and np.abs(height).max() > HEIGHT_LIMIT:
             raise ValueError(f"metres: a height is beyond +-{HEIGHT_LIMIT * HEIGHT_RESOLUTION:g} m")
         return cls(
@@ -221,6 +224,7 @@ class HeightMap:
                 resolution=side,
                 origin=(float(corner[0]), float(corner[1])),
                 shape=(array.shape[0], array.shape[1]),
+                ground_zero=float(ground_zero),
             ),
             height=height.astype(np.int16),
             probability=np.where(known, PROBABILITY_SCALE, 0).astype(np.uint16),

@@ -34,6 +34,7 @@ class Rule(NamedTuple):
     allowance: int
     clearing_width: float
     clearing_margin: float
+    clearing_fall: float
     known: int
     lowest: int
     highest: int

@@ -36,6 +36,7 @@ _TILE_CELLS = TILE * TILE
 _TICKS = 2.0**40  # along a beam from end to end, however long it is
 _FEW = 1024  # [ticks] of tolerance: a cell that a beam crosses for less is only touched
 _ENDLESS = 2.0**57  # [ticks per cell] of a beam that does not leave it along an axis
+_HEIGHT_STEP = 1.0  # [cm] of the stored heights
 _LEVEL = 0.25  # [cm] least fall of a beam that is assumed when tiles are skipped
 _GOLDEN = 2654435761  # Knuth's multiplicative hashing, for a hash set of cells
 _PROBES = 16  # slots of the set that are probed
@@ -104,6 +105,7 @@ class Mapper:
             allowance=round(params.height_allowance / HEIGHT_RESOLUTION) if candidate else 0,
             clearing_width=params.clearing_width / 2 if candidate else np.inf,
             clearing_margin=params.clearing_margin / HEIGHT_RESOLUTION if candidate else 0.0,
+            clearing_fall=params.clearing_fall / HEIGHT_RESOLUTION if candidate else 0.0,
             known=stored_probability(params.probability_threshold),
             lowest=stored_probability(params.probability_min),
             highest=stored_probability(params.probability_max),
@@ -260,7 +262,8 @@ def _clear(  # noqa: PLR0913
     x, y = _axis(upper[0], lower[0]), _axis(upper[1], lower[1])
     first = min(_exit(int(upper[0]), 1, x), _exit(int(upper[1]), 1, y))
     last = max(_entry(int(lower[0]), x), _entry(int(lower[1]), y)) - _FEW
-    z, fall = upper[2] + rule.clearing_margin, upper[2] - lower[2]
+    fall = upper[2] - lower[2]
+    z = upper[2] + _margin(fall, rule)
     ticks_per_cm = _TICKS / max(fall, _LEVEL)
     biased_z = z + TOP_BIAS
     tx, ty = int(upper[0]) // TILE, int(upper[1]) // TILE
@@ -290,6 +293,20 @@ def _clear(  # noqa: PLR0913
         else:
             index += y.step * columns
             exit_y += across_y
+
+
+@inlined_kernel
+def _margin(fall, rule):
+    """How far above a beam the heights are that it contradicts [cm].
+
+    The whole margin where a beam meets the ground, on which it would otherwise graze its own end.
+    A level beam passes exactly at the height of what it has hit before: it contradicts that too,
+    within a step of the stored heights.
+    """
+    if fall >= rule.clearing_fall:
+        return rule.clearing_margin
+    share = fall / rule.clearing_fall
+    return share * rule.clearing_margin - (1.0 - share) * _HEIGHT_STEP
 
 
 @inlined_kernel

@@ -122,6 +122,12 @@ class MapperParams(Section):
         0.05, "candidate: a beam clears only heights at least this far above it", "m",
         low=0.0, high=1.0,
     )  # fmt: skip
+    clearing_fall: float = parameter(
+        0.25,
+        "candidate: a beam that falls or rises by less than this from end to end needs a smaller "
+        "margin; a level one clears also the height at which it passes; 0: no such exception", "m",
+        low=0.0, high=10.0,
+    )  # fmt: skip
     clearing_width: float = parameter(
         0.5, "candidate: a beam clears only cells whose centre is in a strip of this width",
         "cells", low=0.0, high=3.0,

@@ -87,7 +87,9 @@ class LiteralMap:
                 height = 100 * (origin[2] + t * (end[2] - origin[2]))
                 if self.rule.update_rule == "paper":
                     self.passed(self.cells[index], height, t * length)
-                elif self.stands_in(self.cells[index], height) and self.is_central(
+                    continue
+                height += self.margin(origin, end)
+                if self.stands_in(self.cells[index], height) and self.is_central(
                     index, origin, end
                 ):
                     if index not in judged:
@@ -96,8 +98,17 @@ class LiteralMap:
         if is_hit:
             self.hit(self.cells.setdefault(last, Cell()), math.floor(100 * end[2] + 0.5), length)
 
+    def margin(self, origin, end) -> float:
+        """[cm] by which a height must exceed that of the beam: all of it for a beam that falls or
+        rises enough, and one centimetre less than nothing for a level one; between, in proportion.
+        """
+        fall = abs(end[2] - origin[2])
+        if fall >= self.rule.clearing_fall:
+            return 100 * self.rule.clearing_margin
+        steepness = fall / self.rule.clearing_fall
+        return steepness * 100 * self.rule.clearing_margin - (1 - steepness)
+
     def stands_in(self, cell: Cell, beam_height: float) -> bool:
-        beam_height += 100 * self.rule.clearing_margin
         stored = self.is_known(cell.probability) and cell.height >= beam_height
         return stored or (cell.candidate is not None and cell.candidate[0] >= beam_height)
 
@@ -112,11 +123,9 @@ class LiteralMap:
     def passed(self, cell: Cell, beam_height: float, distance: float) -> None:
         given_object = self.likelihood(self.sensor.miss_given_object, distance)
         given_empty = self.likelihood(self.sensor.miss_given_empty, distance)
-        if self.rule.update_rule == "candidate":
-            beam_height += 100 * self.rule.clearing_margin
-            if cell.candidate is not None and cell.candidate[0] >= beam_height:
-                belief = self.bayes(cell.candidate[1], given_object, given_empty)
-                cell.candidate = (cell.candidate[0], belief) if self.is_known(belief) else None
+        if cell.candidate is not None and cell.candidate[0] >= beam_height:
+            belief = self.bayes(cell.candidate[1], given_object, given_empty)
+            cell.candidate = (cell.candidate[0], belief) if self.is_known(belief) else None
         if self.is_known(cell.probability) and cell.height >= beam_height:
             cell.probability = self.bayes(cell.probability, given_object, given_empty)
 

@@ -56,10 +56,12 @@ def belief(mapper, x, y):
 
 
 def random_scan(rng, count, spread=6.0):
-    """Beams over a bumpy ground, with some far too short and some without return."""
+    """Beams over a bumpy ground, some far too short, some without return, some nearly level."""
     origin = rng.uniform(-2, 2, 3) + (0, 0, 1)
     ends = rng.uniform(-spread, spread, (count, 3))
     ends[:, 2] = rng.choice([0.0, 0.05, 0.3, 1.2], count) + rng.normal(0, 0.03, count)
+    level = rng.random(count) < 0.2
+    ends[level, 2] = origin[2] + rng.choice([0.0, 0.02, 0.15], level.sum())
     short = rng.random(count) < 0.1
     ends[short] = origin + rng.uniform(0.1, 0.9, (short.sum(), 1)) * (ends[short] - origin)
     return beams(origin, ends, rng.random(count) < 0.9, rng.random(count) < 0.1)
