@@ -6,25 +6,34 @@ from ament_index_python import get_package_share_path
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
 from launch.substitutions import LaunchConfiguration
-from launch_ros.actions import Node
+from launch_ros.actions import Node, SetRemap
+
+from heightmap25d_ros.commands import bringup
 
 PACKAGE = "heightmap25d_ros"
 
 
 def generate_launch_description():
     """The bringup, with its arguments, in the time of the bag."""
-    bringup = get_package_share_path(PACKAGE) / "launch" / "bringup.launch.py"
+    nodes = get_package_share_path(PACKAGE) / "launch" / "bringup.launch.py"
     return LaunchDescription(
         [
             DeclareLaunchArgument("bag", description="rosbag2 directory, or one of its files"),
             DeclareLaunchArgument("rate", default_value="1.0", description="times real time"),
-            IncludeLaunchDescription(
-                str(bringup), launch_arguments={"use_sim_time": "true"}.items()
-            ),
+            SetRemap("/clock", "clock"),  # in a namespace, each robot has a time of its own
+            IncludeLaunchDescription(str(nodes), launch_arguments={"use_sim_time": "true"}.items()),
             Node(
                 package=PACKAGE,
                 executable="replay",
-                arguments=[LaunchConfiguration("bag"), "--rate", LaunchConfiguration("rate")],
+                namespace=LaunchConfiguration("namespace"),
+                remappings=bringup.REMAPPINGS,
+                arguments=[
+                    LaunchConfiguration("bag"),
+                    "--rate",
+                    LaunchConfiguration("rate"),
+                    "--wait",
+                    "60",
+                ],
                 output="screen",
             ),
         ]

@@ -94,7 +94,9 @@ class Player:
             if is_static_transforms(name):
                 # Who subscribes late needs those of all publishers.
                 profile.depth = max(profile.depth, topic.count)
-            self.publishers[name] = node.create_publisher(kind, name, profile)
+            # In a namespace the bag's topics are the namespace's.
+            place = name if node.get_namespace() == "/" else name.lstrip("/")
+            self.publishers[name] = node.create_publisher(kind, place, profile)
 
     def wait_for_subscribers(self, seconds: float) -> list[str]:
         """Wait until no more come, at most so long; the topics that nobody listens to."""
