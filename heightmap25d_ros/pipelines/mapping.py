@@ -78,7 +78,8 @@ class Mapping:
         self.stamp_ns = 0
         self._params = params
         self.dropped = Drops()
-        self._queue = ScanQueue(params.intake, self.dropped)
+        self._queue = ScanQueue(params.intake, self.dropped, params.odometry)
+        self._correction_ns = self._tracking_ns = -1
         self._is_lost = False
         self.clear()
 
@@ -93,6 +94,8 @@ class Mapping:
         grid = HeightGrid(self._params.grid)
         if content is not None:
             grid.write(content)
+        else:
+            self._queue.correction.begin_anew()
         self.grid = grid
         self._has_begun = False
         self._use_params()
@@ -128,12 +131,20 @@ class Mapping:
         """Take a geometry_msgs/PoseWithCovarianceStamped in: the pose of odom in the map."""
         frame = self._params.mapping.map_frame
         pose = self.dropped.decoded("correction", lambda m: decode.pose_in(m, frame), message)
-        if pose is not None:
-            self._queue.set_correction(pose)
+        stamp = self.dropped.decoded("correction", lambda m: decode.stamp_ns(m.header), message)
+        if pose is not None and stamp is not None:
+            self._queue.set_correction(pose, stamp)
+            self._correction_ns = stamp
+            self._resume()
 
     def take_localization_status(self, message: Any) -> None:
         """Take a heightmap25d_msgs/LocalizationStatus in: a lost robot does not map."""
         self._is_lost = message.state == message.LOST
+        stamp = self.dropped.decoded("localization", lambda m: decode.stamp_ns(m.header), message)
+        self._tracking_ns = -1
+        if stamp is not None and message.state == message.TRACKING:
+            self._tracking_ns = stamp
+            self._resume()
 
     def settle(self) -> list[Reading]:
         """Merge what has its poses now, without waiting for the other lasers."""
@@ -172,10 +183,40 @@ class Mapping:
         cells = int(np.count_nonzero(tops)) * TILE**2
         return Size(area.columns, area.rows, cells * _BYTES_OF_CELL)
 
-    def _merge(self, readings: list[Reading]) -> list[Reading]:
-        if self._is_lost and readings:
+    @property
+    def trouble(self) -> str:
+        """Why nothing is mapped now; empty where something can be."""
+        if self._queue.gate.unknown_since_ns is None or self._queue.gate.jump is None:
+            return ""
+        return (
+            f"not mapping: the odometry jumped ({self._queue.gate.jump.detail}), and the robot may "
+            "have moved; until localization is TRACKING, the pose comes back, or ~/clear_map"
+        )
+
+    @property
+    def T_map_odom(self) -> se3.Matrix:
+        """Pose (4, 4) of the odometry's frame in the map: the correction, over its jumps."""
+        newest = self._queue.odometry
+        return self._queue.correction.T_map_odom(0 if newest is None else newest.stamp_ns)
+
+    def _resume(self) -> None:
+        """Localization knows the pose again, and has said both so and which one."""
+        since = self._queue.gate.unknown_since_ns
+        if since is not None and min(self._tracking_ns, self._correction_ns) >= since:
+            self._queue.gate.locate()
+
+    def _known(self, readings: list[Reading]) -> list[Reading]:
+        """The readings of a known pose in the map; the others are counted."""
+        if self._is_lost:
             self.dropped.record("scan: localization is lost", count=len(readings))
             return []
+        known = [r for r in readings if self._queue.gate.is_known(r.scan.stamp_ns)]
+        unknown = len(readings) - len(known)
+        self.dropped.record("scan: the pose is unknown since the odometry jumped", count=unknown)
+        return known
+
+    def _merge(self, readings: list[Reading]) -> list[Reading]:
+        readings = self._known(readings)
         for reading in readings:
             if not self._has_begun:
                 self._begin(reading.T_map_base[0])
