@@ -27,6 +27,7 @@ from heightmap25d_ros.nodes import qos, runtime
 from heightmap25d_ros.nodes.interface import Input, Output, Service
 from heightmap25d_ros.nodes.lifecycle import REPORT_PERIOD, ManagedNode
 from heightmap25d_ros.pipelines.drops import Drops
+from heightmap25d_ros.pipelines.input_watch import InputWatch
 from heightmap25d_ros.pipelines.mapping import Mapping, compile_kernels
 from heightmap25d_ros.pipelines.scan_queue import Reading
 from heightmap25d_ros.terrain.traversability import ObstacleMap
@@ -90,7 +91,8 @@ class MappingNode(ManagedNode):
 
     def __init__(self) -> None:
         super().__init__(
-            "mapping", ["grid", "sensor", "mapper", "traversability", "intake", "mapping"]
+            "mapping",
+            ["grid", "sensor", "mapper", "traversability", "intake", "odometry", "mapping"],
         )
 
     def set_up(self) -> None:
@@ -132,6 +134,15 @@ class MappingNode(ManagedNode):
     def dropped(self) -> Drops:
         """How many messages were not used, by reason."""
         return self._mapping.dropped
+
+    @property
+    def watch(self) -> InputWatch:
+        """What was noticed about scans and poses."""
+        return self._mapping.watch
+
+    def trouble(self) -> str:
+        """Why nothing is mapped now."""
+        return self._mapping.trouble
 
     def figures(self) -> dict[str, Any]:
         """What /diagnostics reports of the map."""

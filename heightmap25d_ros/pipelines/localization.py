@@ -24,6 +24,7 @@ from heightmap25d_ros.localization.tracking_state import State
 from heightmap25d_ros.mapping import sensor_model
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.drops import Drops
+from heightmap25d_ros.pipelines.input_watch import InputWatch
 from heightmap25d_ros.pipelines.odometry_gate import Jump
 from heightmap25d_ros.pipelines.scan_queue import Reading, ScanQueue
 from heightmap25d_ros.pipelines.transform_buffer import JUMP_BACK_NS
@@ -114,6 +115,11 @@ class Localizer:
     def scan_topics(self) -> tuple[str, ...]:
         """The topics that `take_scan` knows."""
         return self._params.intake.scan_topics
+
+    @property
+    def watch(self) -> InputWatch:
+        """What was noticed about scans and poses."""
+        return self._queue.watch
 
     @property
     def state(self) -> State:
@@ -256,6 +262,7 @@ class Localizer:
     def _track(self, readings: Iterable[Reading]) -> list[Attempt]:
         attempts = []
         for reading in readings:
+            self.watch.observe_ranges(reading.scan, self._params.sensor.no_return, self.dropped)
             beams = sensor_model.beams(
                 reading.scan,
                 reading.T_map_base,

@@ -19,7 +19,9 @@ from heightmap25d_ros.mapping import sensor_model
 from heightmap25d_ros.mapping.mapper import Mapper
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.drops import Drops
+from heightmap25d_ros.pipelines.input_watch import InputWatch
 from heightmap25d_ros.pipelines.scan_queue import Reading, ScanQueue
+from heightmap25d_ros.pipelines.self_check import Finding, Observed, findings, with_watch
 from heightmap25d_ros.terrain.obstacle_grid import ObstacleGrid
 from heightmap25d_ros.terrain.traversability import ObstacleMap
 
@@ -121,6 +123,7 @@ class Mapping:
 
     def take_odometry(self, message: Any) -> list[Reading]:
         """Take a nav_msgs/Odometry in."""
+        self.watch.flatness.observe(message)
         return self._merge(self._queue.take_odometry(message))
 
     def take_transforms(self, message: Any, *, is_static: bool) -> list[Reading]:
@@ -184,6 +187,21 @@ class Mapping:
         return Size(area.columns, area.rows, cells * _BYTES_OF_CELL)
 
     @property
+    def watch(self) -> InputWatch:
+        """What was noticed about scans and poses."""
+        return self._queue.watch
+
+    def problems(self) -> list[Finding]:
+        """What was wrong with the messages of the whole drive, in the words of the self-check."""
+        refused = sum(n for reason, n in self.dropped.items() if reason.startswith("scan: bad "))
+        observed = Observed(
+            scans=self.watch.scans + refused,
+            dropped=Counter(self.dropped),
+            flat_poses=self.watch.flatness.poses,
+        )
+        return findings(with_watch(observed, self.watch, self.dropped))
+
+    @property
     def trouble(self) -> str:
         """Why nothing is mapped now; empty where something can be."""
         if self._queue.gate.unknown_since_ns is None or self._queue.gate.jump is None:
@@ -229,6 +247,7 @@ class Mapping:
                     self._params.mapper.lone_return,
                 )
             )
+            self.watch.observe_ranges(reading.scan, self._params.sensor.no_return, self.dropped)
             self.merged["scans"] += 1
             self.merged["returns"] += result.hits
             self.dropped.record("return: height clipped to +-327 m", count=result.clipped)

@@ -24,12 +24,12 @@ from heightmap25d_ros.io.decode import Odometry, Transform
 from heightmap25d_ros.mapping.sensor_model import Scan
 from heightmap25d_ros.params.sections import IntakeParams, OdometryParams
 from heightmap25d_ros.pipelines.drops import Drops
+from heightmap25d_ros.pipelines.input_watch import InputWatch
 from heightmap25d_ros.pipelines.map_correction import MapCorrection
 from heightmap25d_ros.pipelines.odometry_gate import OdometryGate
 from heightmap25d_ros.pipelines.transform_buffer import JUMP_BACK_NS, Missing, TransformBuffer
 
-_MOST_FRAMES = 1000
-"""Of scans without mount that are remembered: who sends them may name a new one each time."""
+_MOST_FRAMES = 1000  # without mount that are remembered: each scan may name a new one
 
 HISTORY = 30.0
 """How long poses are kept beyond ``wait_limit`` [s], for lasers whose scans come late."""
@@ -82,10 +82,10 @@ class ScanQueue:
     Messages (``take_...``) or decoded values (``add_...``) go in; each call returns the readings
     that it completed. A bad message is counted and changes nothing.
 
-    A scan is released when odometry brackets all of its beams, its mount is known, and every
-    other laser has come as far, so that scans leave in the order of (stamp, topic). A laser
-    that has been silent for ``wait_limit`` is not waited for. The odometry's stamps are the
-    clock: when they jump back (a bag that loops), all starts over.
+    A scan is released when odometry brackets all of its beams, its mount is known, and every other
+    laser has come as far, so that scans leave in the order of (stamp, topic). A laser silent for
+    ``wait_limit`` is not waited for. The odometry's stamps are the clock: when they jump back (a
+    bag that loops), all starts over.
 
     Parameters
     ----------
@@ -102,6 +102,7 @@ class ScanQueue:
     dropped : Drops
     gate : OdometryGate
     correction : MapCorrection
+    watch : InputWatch
     odometry : Odometry or None
         The newest pose of the robot.
     """
@@ -126,6 +127,7 @@ class ScanQueue:
             mounts = se3.from_xyz_rpy(np.reshape(params.mounts, (-1, 6)))
             self._fixed_mounts = dict(zip(params.scan_topics, mounts[:, None], strict=True))
         self.gate = OdometryGate(odometry or OdometryParams(), self.dropped)
+        self.watch = InputWatch()
         self.correction = MapCorrection(self.gate, is_bridging=is_bridging)
         self._odom_frame = ""
         self._odom_stamp_ns = -1
@@ -157,6 +159,7 @@ class ScanQueue:
         """Add a scan of one of ``scan_topics``."""
         if topic not in self._params.scan_topics:
             raise ValueError(f"{topic} is not one of scan_topics {self._params.scan_topics}")
+        self.watch.observe_scan(topic, scan)
         newest = self._newest_ns.get(topic, scan.stamp_ns)
         if scan.stamp_ns < newest - JUMP_BACK_NS:
             self._forget_waiting([topic], after_ns=scan.stamp_ns)
@@ -187,6 +190,7 @@ class ScanQueue:
             for topic in self._params.scan_topics:
                 self._newest_ns.setdefault(topic, stamp - 1)
             self.odometry, self._odom_frame, self._odom_stamp_ns = admitted, frame, stamp
+            self.watch.observe_odometry(stamp)
             child = admitted.child_frame_id
             self._odometry.add([Transform(parent=frame, child=child, stamp_ns=stamp, T=admitted.T)])
         return self._release()
