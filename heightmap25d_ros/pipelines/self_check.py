@@ -194,7 +194,11 @@ def findings(observed: Observed) -> list[Finding]:
         )
     for entry in observed.inputs:
         found += _of_input(entry)
-    found += _of_scans(observed)
+    scans = list(_of_scans(observed))
+    found += scans
+    is_unused = observed.used is not None and observed.used < LEAST_USED * observed.scans
+    if is_unused and observed.scans >= ENOUGH and not scans:
+        found.append(Finding(Problem.UNUSED, f"{observed.used} of {observed.scans}"))
     found += _of_ranges(observed)
     jumps = {reason: observed.dropped.get(reason, 0) for reason in odometry_gate.JUMPS}
     if any(jumps.values()):
@@ -219,9 +223,6 @@ def _of_scans(observed: Observed) -> Iterator[Finding]:
         reasons = {r: count for r, count in observed.dropped.items() if _is_without(r, words)}
         if sum(reasons.values()) > TOLERATED * observed.scans:
             yield Finding(problem, _counted(reasons, observed.examples))
-    used, scans = observed.used, observed.scans
-    if used is not None and scans >= ENOUGH and used < LEAST_USED * scans:
-        yield Finding(Problem.UNUSED, f"{used} of {scans}")
 
 
 def _of_ranges(observed: Observed) -> Iterator[Finding]:
