@@ -120,13 +120,14 @@ class Diagnostics:
         self._inputs: list[_Counted] = []
         self._flatness = Flatness()
         self._is_settled = False
+        self._trouble = ""
         self._watch = Watch()
         self._seen: deque[Observed] = deque(maxlen=round(SETTLED / PERIOD) + 1)
 
     def _log_first_findings(self) -> None:
         self._settling.cancel()
         self._is_settled = True
-        found = self._findings()
+        found = findings(self._observed())
         self._watch.update(found)
         if found:
             self._warn(found)
@@ -142,16 +143,28 @@ class Diagnostics:
             told = " ".join(filter(None, [finding.problem.value, finding.topic]))
             self._node.get_logger().info(f"self-check: over: {told}")
 
+    def _log_trouble(self, trouble: str) -> None:
+        """Log what stops the node when it begins, and when it is over."""
+        if trouble and not self._trouble:
+            self._node.get_logger().error(trouble)
+        elif self._trouble and not trouble:
+            self._node.get_logger().info(f"over: {self._trouble}")
+        self._trouble = trouble
+
     def _warn(self, found: list[Finding]) -> None:
         told = "; ".join(map(str, found))
         self._node.get_logger().warning(f"self-check: {told} (see docs/troubleshooting.md)")
 
-    def _findings(self) -> list[Finding]:
+    def _check(self) -> list[Finding]:
         """What is missing in the last seconds; nothing before the node has heard everybody."""
-        if not self._is_settled:
+        if not self._inputs:
             return []
         now = self._observed()
-        return findings(recent(now, self._seen[0]) if self._seen else now)
+        before = self._seen[0] if self._seen else None
+        self._seen.append(now)
+        if not self._is_settled:
+            return []
+        return findings(now if before is None else recent(now, before))
 
     def _observed(self) -> Observed:
         is_simulated = self._node.get_parameter("use_sim_time").value
@@ -182,13 +195,13 @@ class Diagnostics:
     def _publish(self) -> None:
         now = self._node.get_clock().now()
         self._clock_ns = self._clock_ns[1], now.nanoseconds
-        present = self._findings()
+        present = self._check()
         if self._is_settled:
             self._log_changes(present)
-            self._seen.append(self._observed())
         found = [str(finding) for finding in present]
         state, level = self._reporting.state_label, DiagnosticStatus.OK
         trouble = self._reporting.trouble() if self._reporting.is_configured else ""
+        self._log_trouble(trouble)
         failures, failure = self._reporting.failures
         if failures:
             trouble = "; ".join(filter(None, [trouble, f"{failures} callbacks failed: {failure}"]))

@@ -67,7 +67,7 @@ class InputWatch:
         self._sweeps: dict[str, deque[tuple[int, float]]] = defaultdict(
             lambda: deque(maxlen=_RECENT)
         )
-        self._offsets: deque[float] = deque(maxlen=_RECENT)
+        self._offsets: dict[str, deque[float]] = defaultdict(lambda: deque(maxlen=_RECENT))
         self._odometry: deque[int] = deque(maxlen=_RECENT)
 
     def observe_odometry(self, stamp_ns: int) -> None:
@@ -80,7 +80,7 @@ class InputWatch:
         sweep = abs(scan.time_increment) * (len(scan.ranges) - 1)
         self._sweeps[topic].append((scan.stamp_ns, sweep))
         if self._odometry:
-            self._offsets.append((scan.stamp_ns - self._odometry[-1]) * 1e-9)
+            self._offsets[topic].append((scan.stamp_ns - self._odometry[-1]) * 1e-9)
 
     def observe_ranges(self, scan: Scan, convention: str, dropped: Drops) -> None:
         """A scan is used; count the returns that lie out of its range.
@@ -133,15 +133,14 @@ class InputWatch:
         return ""
 
     def offset_fault(self) -> str:
-        """How far the scans' stamps are off the odometry's; empty where they go together."""
-        if min(len(self._offsets), len(self._odometry)) < _ENOUGH:
+        """How far a laser's stamps are off the odometry's; empty where they go together."""
+        if len(self._odometry) < _ENOUGH:
             return ""
         period = float(np.median(np.diff(self._odometry))) * 1e-9
-        # The newest pose is half a period old on average when a scan comes.
-        offset = float(np.median(self._offsets)) - period / 2
-        if -BEHIND - period <= offset <= AHEAD + period:
-            return ""
-        return (
-            f"scan stamps are {abs(offset):.2f} s {'ahead of' if offset > 0 else 'behind'} the "
-            "odometry's"
-        )
+        for topic, offsets in self._offsets.items():
+            # The newest pose is half a period old on average when a scan comes.
+            offset = float(np.median(offsets)) - period / 2
+            if len(offsets) >= _ENOUGH and not -BEHIND - period <= offset <= AHEAD + period:
+                side = "ahead of" if offset > 0 else "behind"
+                return f"{topic}: scan stamps are {abs(offset):.2f} s {side} the odometry's"
+        return ""

@@ -31,8 +31,7 @@ from heightmap25d_ros.pipelines.transform_buffer import JUMP_BACK_NS, Missing, T
 
 _MOST_FRAMES = 1000  # without mount that are remembered: each scan may name a new one
 
-HISTORY = 30.0
-"""How long poses are kept beyond ``wait_limit`` [s], for lasers whose scans come late."""
+HISTORY = 30.0  # [s] beyond ``wait_limit`` that poses are kept, for lasers whose scans come late
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
