@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -59,9 +60,11 @@ def _map(options: argparse.Namespace) -> Figures:
         height_map, obstacle_map = mapping.maps()
         seconds = time.perf_counter() - began
         duration = bag.duration
-    if not scan_ms:
-        reasons = str(mapping.dropped) or "the bag has none"
-        raise InputError(f"{options.bag}: no scan could be mapped; {reasons}")
+    problems = [str(problem) for problem in mapping.problems()]
+    if not scan_ms or not height_map.known.any():
+        raise InputError(f"{options.bag}: {_reasons(mapping, problems)}")
+    for problem in problems:
+        print(f"heightmap25d: warning: {problem} (see docs/troubleshooting.md)", file=sys.stderr)
     frame = settings.mapping.map_frame
     map_directory.save(options.output, height_map, obstacle_map, frame, trajectory)
     p50, p95, p99 = np.percentile(scan_ms, [50, 95, 99])
@@ -72,7 +75,7 @@ def _map(options: argparse.Namespace) -> Figures:
         "dropped": dict(mapping.dropped),
         "damaged": dict(bag.damaged),
         "other_types": dict(bag.other_types),
-        "warnings": bag.warnings,
+        "warnings": [*bag.warnings, *problems],
         **cell_counts(height_map, obstacle_map),
         "processing_s": round(seconds, 3),
         "real_time_factor": round(duration / seconds, 1),
@@ -81,6 +84,13 @@ def _map(options: argparse.Namespace) -> Figures:
         "scan_p99_ms": round(p99, 3),
         "sha256": map_directory.digest(options.output),
     }
+
+
+def _reasons(mapping: Mapping, problems: list[str]) -> str:
+    """Why a map would be empty."""
+    merged = mapping.merged["scans"]
+    begin = f"the map is empty after {merged} scans" if merged else "no scan could be mapped"
+    return "; ".join([begin, *problems, *filter(None, [str(mapping.dropped)])])
 
 
 def _mapping_params(options: argparse.Namespace, bag: Bag) -> Params:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections import Counter, deque
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -13,13 +14,22 @@ from typing import Any, Protocol
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock, ClockType
-from rclpy.qos import QoSCompatibility, qos_check_compatible
+from rclpy.qos import DurabilityPolicy, QoSCompatibility, qos_check_compatible
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import LaserScan
 
 from heightmap25d_ros.nodes.interface import Input as Interface
-from heightmap25d_ros.nodes.self_check import Finding, Flatness, Input, Observed, findings
 from heightmap25d_ros.pipelines.drops import Drops
+from heightmap25d_ros.pipelines.input_watch import Flatness
+from heightmap25d_ros.pipelines.self_check import (
+    Finding,
+    Input,
+    Observed,
+    Watch,
+    findings,
+    recent,
+    with_watch,
+)
 
 PERIOD = 1.0
 """Between two messages on /diagnostics [s]."""
@@ -62,6 +72,7 @@ class _Counted:
 
     subscription: Subscription
     is_needed: bool
+    is_latched: bool
     received: int = 0
     received_before: int = 0
 
@@ -94,13 +105,14 @@ class Diagnostics:
             entry.callback(message)
 
         subscription = self._node.create_subscription(entry.kind, entry.topic, take, entry.profile)
-        counted = _Counted(subscription, entry.is_needed)
+        is_latched = entry.profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        counted = _Counted(subscription, entry.is_needed, is_latched)
         self._inputs.append(counted)
 
     def activate(self) -> None:
         """Everything is subscribed; check after a while what comes."""
         self._settling = self._node.create_timer(
-            SETTLED, self._log_findings, clock=self._wall_clock
+            SETTLED, self._log_first_findings, clock=self._wall_clock
         )
 
     def deactivate(self) -> None:
@@ -108,29 +120,64 @@ class Diagnostics:
         self._inputs: list[_Counted] = []
         self._flatness = Flatness()
         self._is_settled = False
+        self._trouble = ""
+        self._watch = Watch()
+        self._seen: deque[Observed] = deque(maxlen=round(SETTLED / PERIOD) + 1)
 
-    def _log_findings(self) -> None:
+    def _log_first_findings(self) -> None:
         self._settling.cancel()
         self._is_settled = True
-        found = "; ".join(map(str, self._findings()))
+        found = findings(self._observed())
+        self._watch.update(found)
         if found:
-            self._node.get_logger().warning(f"self-check: {found} (see docs/troubleshooting.md)")
+            self._warn(found)
         else:
             self._node.get_logger().info("self-check: nothing is missing")
 
-    def _findings(self) -> list[Finding]:
+    def _log_changes(self, found: list[Finding]) -> None:
+        """Log each problem when it begins, and when it is over."""
+        begun, over = self._watch.update(found)
+        if begun:
+            self._warn(begun)
+        for finding in over:
+            told = " ".join(filter(None, [finding.problem.value, finding.topic]))
+            self._node.get_logger().info(f"self-check: over: {told}")
+
+    def _log_trouble(self, trouble: str) -> None:
+        """Log what stops the node when it begins, and when it is over."""
+        if trouble and not self._trouble:
+            self._node.get_logger().error(trouble)
+        elif self._trouble and not trouble:
+            self._node.get_logger().info(f"over: {self._trouble}")
+        self._trouble = trouble
+
+    def _warn(self, found: list[Finding]) -> None:
+        told = "; ".join(map(str, found))
+        self._node.get_logger().warning(f"self-check: {told} (see docs/troubleshooting.md)")
+
+    def _check(self) -> list[Finding]:
+        """What is missing in the last seconds; nothing before the node has heard everybody."""
+        if not self._inputs:
+            return []
+        now = self._observed()
+        before = self._seen[0] if self._seen else None
+        self._seen.append(now)
         if not self._is_settled:
             return []
+        return findings(now if before is None else recent(now, before))
+
+    def _observed(self) -> Observed:
         is_simulated = self._node.get_parameter("use_sim_time").value
-        return findings(
-            Observed(
-                inputs=tuple(map(self._input, self._inputs)),
-                scans=sum(h.received for h in self._inputs if h.subscription.msg_type is LaserScan),
-                dropped=self._reporting.dropped,
-                clock_ns=self._clock_ns if is_simulated else None,
-                flat_poses=self._flatness.poses,
-            )
+        dropped = self._reporting.dropped
+        observed = Observed(
+            inputs=tuple(map(self._input, self._inputs)),
+            scans=sum(h.received for h in self._inputs if h.subscription.msg_type is LaserScan),
+            dropped=Counter(dropped),
+            clock_ns=self._clock_ns if is_simulated else None,
+            flat_poses=self._flatness.poses,
         )
+        watch = getattr(self._node, "watch", None)
+        return observed if watch is None else with_watch(observed, watch, dropped)
 
     def _input(self, counted: _Counted) -> Input:
         subscription = counted.subscription
@@ -142,14 +189,19 @@ class Diagnostics:
             incompatible=tuple(filter(None, faults)),
             received=counted.received,
             is_needed=counted.is_needed,
+            is_latched=counted.is_latched,
         )
 
     def _publish(self) -> None:
         now = self._node.get_clock().now()
         self._clock_ns = self._clock_ns[1], now.nanoseconds
-        found = [str(finding) for finding in self._findings()]
+        present = self._check()
+        if self._is_settled:
+            self._log_changes(present)
+        found = [str(finding) for finding in present]
         state, level = self._reporting.state_label, DiagnosticStatus.OK
         trouble = self._reporting.trouble() if self._reporting.is_configured else ""
+        self._log_trouble(trouble)
         failures, failure = self._reporting.failures
         if failures:
             trouble = "; ".join(filter(None, [trouble, f"{failures} callbacks failed: {failure}"]))

@@ -258,9 +258,9 @@ class ManagedNode(LifecycleNode):
     def _report_drops(self) -> None:
         """Warn of messages that were dropped since the last time."""
         dropped = self.dropped
-        if dropped.total() > self._reported:
+        if dropped.notable > self._reported:
             self.get_logger().warning(f"dropped so far: {dropped}")
-        self._reported = dropped.total()
+        self._reported = dropped.notable
 
     def _tried(self, step: Callable[[], None]) -> TransitionCallbackReturn | None:
         """Take a step; what it made is destroyed where it fails."""

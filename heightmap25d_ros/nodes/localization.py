@@ -23,6 +23,7 @@ from heightmap25d_ros.nodes import qos, runtime
 from heightmap25d_ros.nodes.interface import Input, Output, Service
 from heightmap25d_ros.nodes.lifecycle import ManagedNode
 from heightmap25d_ros.pipelines.drops import Drops
+from heightmap25d_ros.pipelines.input_watch import InputWatch
 from heightmap25d_ros.pipelines.localization import Localizer, Pose, compile_kernels
 
 
@@ -39,6 +40,7 @@ class LocalizationNode(ManagedNode):
         "sensor",
         "mapper",
         "intake",
+        "odometry",
         "short_term",
         "registration",
         "localization",
@@ -105,6 +107,11 @@ class LocalizationNode(ManagedNode):
     def dropped(self) -> Drops:
         """How many messages were not used, by reason."""
         return self._localizer.dropped
+
+    @property
+    def watch(self) -> InputWatch:
+        """What was noticed about scans and poses."""
+        return self._localizer.watch
 
     def trouble(self) -> str:
         """Where the robot is lost, nobody should rely on the pose."""

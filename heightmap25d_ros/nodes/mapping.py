@@ -28,6 +28,7 @@ from heightmap25d_ros.nodes.interface import Input, Output, Service
 from heightmap25d_ros.nodes.lifecycle import REPORT_PERIOD, ManagedNode
 from heightmap25d_ros.nodes.map_transform import AnchorTransform, MapTransform
 from heightmap25d_ros.pipelines.drops import Drops
+from heightmap25d_ros.pipelines.input_watch import InputWatch
 from heightmap25d_ros.pipelines.mapping import Mapping, compile_kernels
 from heightmap25d_ros.pipelines.scan_queue import Reading
 from heightmap25d_ros.terrain.traversability import ObstacleMap
@@ -56,7 +57,7 @@ class MappingNode(ManagedNode):
     """
 
     NAME = "mapping"
-    PARAMETERS = ("grid", "sensor", "mapper", "traversability", "intake", "mapping")
+    PARAMETERS = ("grid", "sensor", "mapper", "traversability", "intake", "odometry", "mapping")
 
     def inputs(self) -> list[Input]:
         """Lasers, poses, transforms, and what localization says."""
@@ -141,6 +142,15 @@ class MappingNode(ManagedNode):
     def dropped(self) -> Drops:
         """How many messages were not used, by reason."""
         return self._mapping.dropped
+
+    @property
+    def watch(self) -> InputWatch:
+        """What was noticed about scans and poses."""
+        return self._mapping.watch
+
+    def trouble(self) -> str:
+        """Why nothing is mapped now."""
+        return self._mapping.trouble
 
     def figures(self) -> dict[str, Any]:
         """What /diagnostics reports of the map."""

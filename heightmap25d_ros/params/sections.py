@@ -257,6 +257,39 @@ class IntakeParams(Section):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class OdometryParams(Section):
+    """Which motion between two poses of the odometry is plausible; anything faster is a jump."""
+
+    max_speed: float = parameter(
+        25.0, "highest plausible speed; the lower, the smaller the jumps that are noticed", "m/s",
+        low=0.1, high=1e6,
+    )  # fmt: skip
+    max_climb_rate: float = parameter(
+        5.0, "highest plausible change of z per second", "m/s", low=0.1, high=1e6
+    )
+    max_turn_rate: float = parameter(
+        6.0, "highest plausible change of the yaw per second", "rad/s", low=0.1, high=1e6
+    )
+    max_tilt_rate: float = parameter(
+        4.0, "highest plausible change of roll and pitch per second", "rad/s", low=0.1, high=1e6
+    )
+    position_tolerance: float = parameter(
+        0.2, "added to what the limits allow: noise of positions and stamps", "m",
+        low=0.001, high=100.0,
+    )  # fmt: skip
+    angle_tolerance: float = parameter(
+        0.1, "added to what the limits allow: noise of angles and stamps", "rad",
+        low=0.001, high=3.1416,
+    )  # fmt: skip
+    bridge_time: float = parameter(
+        0.25,
+        "a jump between two poses closer than this is bridged: the robot has not moved, the "
+        "odometry started anew; after a longer time its pose is unknown", "s",
+        low=0.0, high=60.0,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class MappingParams(Section):
     """The mapping node."""
 
@@ -403,10 +436,6 @@ class LocalizationParams(Section):
     yaw_drift: float = parameter(
         0.01, "standard deviation that a metre travelled adds to the yaw", "rad", low=0.0, high=1.0
     )
-    max_odom_step: float = parameter(
-        0.5, "a longer step between two odometry messages is a jump of the odometry, not motion",
-        "m", low=0.01, high=100.0,
-    )  # fmt: skip
     confirmations: int = parameter(
         2, "accepted registrations in a row after which the state is TRACKING", low=1, high=100
     )
@@ -488,6 +517,7 @@ class Params:
     traversability: TraversabilityParams = field(default_factory=TraversabilityParams)
     planner: PlannerParams = field(default_factory=PlannerParams)
     intake: IntakeParams = field(default_factory=IntakeParams)
+    odometry: OdometryParams = field(default_factory=OdometryParams)
     mapping: MappingParams = field(default_factory=MappingParams)
     planning: PlanningParams = field(default_factory=PlanningParams)
     short_term: ShortTermParams = field(default_factory=ShortTermParams)

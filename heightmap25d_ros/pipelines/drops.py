@@ -13,6 +13,9 @@ from heightmap25d_ros.errors import InputError
 
 _Value = TypeVar("_Value")
 
+BEYOND_RANGE_MAX, BELOW_RANGE_MIN = "return: beyond range_max", "return: below range_min"
+"""Reasons that are usual with some lasers, and are told only where most returns are so."""
+
 _LONGEST_EXAMPLE = 200
 """Characters of an example, whose text may come from anybody on the network."""
 
@@ -57,6 +60,11 @@ class Drops(Counter[str]):
             field = re.sub(r"\[\d+\]", "", str(error).partition(":")[0])
             self.record(f"{kind}: bad {field}", str(error))
             return None
+
+    @property
+    def notable(self) -> int:
+        """How many drops there are for reasons that are never usual."""
+        return self.total() - self[BEYOND_RANGE_MAX] - self[BELOW_RANGE_MIN]
 
     def __str__(self) -> str:
         """All reasons in one line, the most frequent one first."""

@@ -25,6 +25,8 @@ from heightmap25d_ros.localization.tracking_state import State
 from heightmap25d_ros.mapping import sensor_model
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.drops import Drops
+from heightmap25d_ros.pipelines.input_watch import InputWatch
+from heightmap25d_ros.pipelines.odometry_gate import Jump
 from heightmap25d_ros.pipelines.scan_queue import Reading, ScanQueue
 from heightmap25d_ros.pipelines.transform_buffer import JUMP_BACK_NS
 
@@ -95,7 +97,7 @@ class Localizer:
     def __init__(self, params: Params | None = None) -> None:
         self._params = params = params or Params()
         self.dropped = Drops()
-        self._queue = ScanQueue(params.intake, self.dropped)
+        self._queue = ScanQueue(params.intake, self.dropped, params.odometry, is_bridging=False)
         self._surface: Surface | None = None
         self._initial_pose: tuple[Array, Array] | None = None
         self._start_over()
@@ -111,7 +113,7 @@ class Localizer:
         self._smooth = SmoothCorrection(self._params.localization, np.eye(4))
         self._jumps_seen = self._tracker.jumps
         self._odometry: Odometry | None = None
-        self._torn_ns = (0, 0)
+        self._mended: Jump | None = None
         self._waiting_pose = self._initial_pose
 
     def set_params(self, params: Params) -> None:
@@ -123,6 +125,11 @@ class Localizer:
     def scan_topics(self) -> tuple[str, ...]:
         """The topics that `take_scan` knows."""
         return self._params.intake.scan_topics
+
+    @property
+    def watch(self) -> InputWatch:
+        """What was noticed about scans and poses."""
+        return self._queue.watch
 
     @property
     def state(self) -> State:
@@ -196,8 +203,9 @@ class Localizer:
             self.dropped.record("poses: clock jumped back, localization starts over")
             self._start_over()
             before = None
-        elif before is not None:
-            self._mend_jump(before, odometry)
+        elif self._queue.gate.jump not in (None, self._mended):
+            self._mended = self._queue.gate.jump
+            self._mend_jump(self._mended)
         self._odometry = odometry
         self._tracker.move(odometry.T)
         if self._waiting_pose is not None:
@@ -260,29 +268,20 @@ class Localizer:
         ]
         return otherwise if np.isnan(around).all() else float(np.nanmedian(around))
 
-    def _mend_jump(self, before: Odometry, odometry: Odometry) -> None:
+    def _mend_jump(self, jump: Jump) -> None:
         """Where odometry jumps, the robot has not: it stays where it was in the map."""
-        way = distance_travelled(before.T, odometry.T)
-        seconds = (odometry.stamp_ns - before.stamp_ns) * 1e-9
-        if way <= self._params.localization.max_odom_step * max(1.0, seconds):
-            return
-        self.dropped.record("odometry: jumped")
-        self._torn_ns = before.stamp_ns, odometry.stamp_ns
-        # Yaw and position only: roll and pitch are the new odometry's.
-        x, y, z, _, _, yaw = se3.to_xyz_rpy(self._tracker.estimate.T_map_odom @ before.T)
-        self._odometry = odometry
+        self._odometry = jump.after
         self._tracker.forget()
-        self._set_pose(
-            np.array([x, y, z, yaw]), self._tracker.estimate.covariance + self._initial_covariance
+        self._tracker.set_pose(
+            self._tracker.estimate.T_map_odom @ jump.T_before_after,
+            self._tracker.estimate.covariance + self._initial_covariance,
         )
+        self._waiting_pose = None
 
     def _track(self, readings: Iterable[Reading]) -> list[Attempt]:
         attempts = []
         for reading in readings:
-            stamps = reading.scan.beam_stamps_ns()
-            if stamps[0] < self._torn_ns[1] and stamps[-1] > self._torn_ns[0]:
-                self.dropped.record("scan: while odometry jumped")
-                continue
+            self.watch.observe_ranges(reading.scan, self._params.sensor.no_return, self.dropped)
             beams = sensor_model.beams(
                 reading.scan,
                 reading.T_map_base,

@@ -9,7 +9,6 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.errors import InputError
@@ -21,7 +20,9 @@ from heightmap25d_ros.mapping import sensor_model
 from heightmap25d_ros.mapping.mapper import Mapper
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.drops import Drops
+from heightmap25d_ros.pipelines.input_watch import InputWatch
 from heightmap25d_ros.pipelines.scan_queue import Reading, ScanQueue
+from heightmap25d_ros.pipelines.self_check import Finding, Observed, findings, with_watch
 from heightmap25d_ros.terrain.obstacle_grid import ObstacleGrid
 from heightmap25d_ros.terrain.traversability import ObstacleMap
 
@@ -80,19 +81,16 @@ class Mapping:
         self.stamp_ns = 0
         self._params = params
         self.dropped = Drops()
-        self._queue = ScanQueue(params.intake, self.dropped)
+        self._queue = ScanQueue(params.intake, self.dropped, params.odometry)
+        self._correction_ns = self._tracking_ns = -1
         self._is_lost = False
         self.clear()
 
-    def clear(self, content: HeightMap | None = None, start: ArrayLike = (0.0, 0.0, 0.0)) -> None:
+    def clear(self, content: HeightMap | None = None) -> None:
         """Start a new map, empty or with a loaded map in it.
 
-        Parameters
-        ----------
-        content : HeightMap, optional
-            The grid is anchored in its middle, with its ground zero.
-        start : (3,) float64 [m], map
-            Otherwise, where the grid is anchored: `anchor_at`.
+        An empty one is anchored at the first pose that is mapped (`anchor_at`), a loaded one in
+        its middle, with its ground zero.
 
         Raises
         ------
@@ -100,14 +98,18 @@ class Mapping:
             If the content does not fit the grid; the running map stays.
         """
         if content is None:
-            grid = HeightGrid(self._params.grid, anchor_at(start, self._params.grid.resolution))
+            grid = HeightGrid(self._params.grid)
+            self._queue.correction.begin_anew()
         else:
             x, y = content.geometry.cell_corner(np.floor_divide(content.geometry.shape, 2))
             anchor = (float(x), float(y), content.geometry.ground_zero)
             grid = HeightGrid(self._params.grid, anchor)
             grid.write(content)
-        self.grid = grid
         self._has_begun = False
+        self._use_grid(grid)
+
+    def _use_grid(self, grid: HeightGrid) -> None:
+        self.grid = grid
         self._use_params()
 
     def set_params(self, params: Params) -> None:
@@ -130,17 +132,13 @@ class Mapping:
         """The newest pose of the robot in its odometry's frame."""
         return self._queue.odometry
 
-    @property
-    def T_map_odom(self) -> se3.Matrix:
-        """Pose (4, 4) of the odometry's frame in the map."""
-        return self._queue.T_map_odom
-
     def take_scan(self, topic: str, message: Any) -> list[Reading]:
         """Take a sensor_msgs/LaserScan of one of ``intake.scan_topics`` in."""
         return self._merge(self._queue.take_scan(topic, message))
 
     def take_odometry(self, message: Any) -> list[Reading]:
         """Take a nav_msgs/Odometry in."""
+        self.watch.flatness.observe(message)
         return self._merge(self._queue.take_odometry(message))
 
     def take_transforms(self, message: Any, *, is_static: bool) -> list[Reading]:
@@ -151,12 +149,20 @@ class Mapping:
         """Take a geometry_msgs/PoseWithCovarianceStamped in: the pose of odom in the map."""
         frame = self._params.mapping.map_frame
         pose = self.dropped.decoded("correction", lambda m: decode.pose_in(m, frame), message)
-        if pose is not None:
-            self._queue.set_correction(pose)
+        stamp = self.dropped.decoded("correction", lambda m: decode.stamp_ns(m.header), message)
+        if pose is not None and stamp is not None:
+            self._queue.set_correction(pose, stamp)
+            self._correction_ns = stamp
+            self._resume()
 
     def take_localization_status(self, message: Any) -> None:
         """Take a heightmap25d_msgs/LocalizationStatus in: a lost robot does not map."""
         self._is_lost = message.state == message.LOST
+        stamp = self.dropped.decoded("localization", lambda m: decode.stamp_ns(m.header), message)
+        self._tracking_ns = -1
+        if stamp is not None and message.state == message.TRACKING:
+            self._tracking_ns = stamp
+            self._resume()
 
     def settle(self) -> list[Reading]:
         """Merge what has its poses now, without waiting for the other lasers."""
@@ -192,10 +198,55 @@ class Mapping:
         area = self.grid.observed_area()
         return Size(area.columns, area.rows, self.grid.observed_cells * _BYTES_OF_CELL)
 
-    def _merge(self, readings: list[Reading]) -> list[Reading]:
-        if self._is_lost and readings:
+    @property
+    def watch(self) -> InputWatch:
+        """What was noticed about scans and poses."""
+        return self._queue.watch
+
+    def problems(self) -> list[Finding]:
+        """What was wrong with the messages of the whole drive, in the words of the self-check."""
+        refused = sum(n for reason, n in self.dropped.items() if reason.startswith("scan: bad "))
+        observed = Observed(
+            scans=self.watch.scans + refused,
+            dropped=Counter(self.dropped),
+            flat_poses=self.watch.flatness.poses,
+        )
+        return findings(with_watch(observed, self.watch, self.dropped))
+
+    @property
+    def trouble(self) -> str:
+        """Why nothing is mapped now; empty where something can be."""
+        if self._queue.gate.unknown_since_ns is None or self._queue.gate.jump is None:
+            return ""
+        return (
+            f"not mapping: the odometry jumped ({self._queue.gate.jump.detail}), and the robot may "
+            "have moved; until localization is TRACKING, the pose comes back, or ~/clear_map"
+        )
+
+    @property
+    def T_map_odom(self) -> se3.Matrix:
+        """Pose (4, 4) of the odometry's frame in the map: the correction, over its jumps."""
+        newest = self._queue.odometry
+        return self._queue.correction.T_map_odom(0 if newest is None else newest.stamp_ns)
+
+    def _resume(self) -> None:
+        """Localization knows the pose again, and has said both so and which one."""
+        since = self._queue.gate.unknown_since_ns
+        if since is not None and min(self._tracking_ns, self._correction_ns) >= since:
+            self._queue.gate.locate()
+
+    def _known(self, readings: list[Reading]) -> list[Reading]:
+        """The readings of a known pose in the map; the others are counted."""
+        if self._is_lost:
             self.dropped.record("scan: localization is lost", count=len(readings))
             return []
+        known = [r for r in readings if self._queue.gate.is_known(r.scan.stamp_ns)]
+        unknown = len(readings) - len(known)
+        self.dropped.record("scan: the pose is unknown since the odometry jumped", count=unknown)
+        return known
+
+    def _merge(self, readings: list[Reading]) -> list[Reading]:
+        readings = self._known(readings)
         for reading in readings:
             if not self._has_begun:
                 self._begin(reading.T_map_base[0])
@@ -208,6 +259,7 @@ class Mapping:
                     self._params.mapper.lone_return,
                 )
             )
+            self.watch.observe_ranges(reading.scan, self._params.sensor.no_return, self.dropped)
             self.merged["scans"] += 1
             self.merged["returns"] += result.hits
             self.dropped.record(
@@ -220,7 +272,8 @@ class Mapping:
     def _begin(self, T_map_base: se3.Matrix) -> None:
         """Anchor an empty map at the robot, on ground that no laser sees under and around it."""
         if not self.grid.observed_cells:
-            self.clear(start=T_map_base[:3, 3])
+            resolution = self._params.grid.resolution
+            self._use_grid(HeightGrid(self._params.grid, anchor_at(T_map_base[:3, 3], resolution)))
             radius = self._params.mapping.start_radius
             if radius > 0.0:
                 self._mapper.integrate(

@@ -22,15 +22,16 @@ from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.io import decode
 from heightmap25d_ros.io.decode import Odometry, Transform
 from heightmap25d_ros.mapping.sensor_model import Scan
-from heightmap25d_ros.params.sections import IntakeParams
+from heightmap25d_ros.params.sections import IntakeParams, OdometryParams
 from heightmap25d_ros.pipelines.drops import Drops
+from heightmap25d_ros.pipelines.input_watch import InputWatch
+from heightmap25d_ros.pipelines.map_correction import MapCorrection
+from heightmap25d_ros.pipelines.odometry_gate import OdometryGate
 from heightmap25d_ros.pipelines.transform_buffer import JUMP_BACK_NS, Missing, TransformBuffer
 
-_MOST_FRAMES = 1000
-"""Of scans without mount that are remembered: who sends them may name a new one each time."""
+_MOST_FRAMES = 1000  # without mount that are remembered: each scan may name a new one
 
-HISTORY = 30.0
-"""How long poses are kept beyond ``wait_limit`` [s], for lasers whose scans come late."""
+HISTORY = 30.0  # [s] beyond ``wait_limit`` that poses are kept, for lasers whose scans come late
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,25 +81,39 @@ class ScanQueue:
     Messages (``take_...``) or decoded values (``add_...``) go in; each call returns the readings
     that it completed. A bad message is counted and changes nothing.
 
-    A scan is released when odometry brackets all of its beams, its mount is known, and every
-    other laser has come as far, so that scans leave in the order of (stamp, topic). A laser
-    that has been silent for ``wait_limit`` is not waited for. The odometry's stamps are the
-    clock: when they jump back (a bag that loops), all starts over.
+    A scan is released when odometry brackets all of its beams, its mount is known, and every other
+    laser has come as far, so that scans leave in the order of (stamp, topic). A laser silent for
+    ``wait_limit`` is not waited for. The odometry's stamps are the clock: when they jump back (a
+    bag that loops), all starts over.
 
     Parameters
     ----------
     params : IntakeParams
     dropped : Drops, optional
         Where to count what is not used.
+    odometry : OdometryParams, optional
+        What is no motion of a robot but a jump of its odometry.
+    is_bridging : bool
+        Whether poses stay continuous where the odometry jumps; otherwise they are as it has them.
 
     Attributes
     ----------
     dropped : Drops
+    gate : OdometryGate
+    correction : MapCorrection
+    watch : InputWatch
     odometry : Odometry or None
         The newest pose of the robot.
     """
 
-    def __init__(self, params: IntakeParams, dropped: Drops | None = None) -> None:
+    def __init__(
+        self,
+        params: IntakeParams,
+        dropped: Drops | None = None,
+        odometry: OdometryParams | None = None,
+        *,
+        is_bridging: bool = True,
+    ) -> None:
         self.dropped = Drops() if dropped is None else dropped
         self.odometry: Odometry | None = None
         self._params = params
@@ -110,7 +125,9 @@ class ScanQueue:
         if params.mounts:
             mounts = se3.from_xyz_rpy(np.reshape(params.mounts, (-1, 6)))
             self._fixed_mounts = dict(zip(params.scan_topics, mounts[:, None], strict=True))
-        self._T_map_odom = np.eye(4)
+        self.gate = OdometryGate(odometry or OdometryParams(), self.dropped)
+        self.watch = InputWatch()
+        self.correction = MapCorrection(self.gate, is_bridging=is_bridging)
         self._odom_frame = ""
         self._odom_stamp_ns = -1
         self._waiting: list[_Waiting] = []
@@ -133,19 +150,15 @@ class ScanQueue:
         transforms = self.dropped.decoded("transforms", decode.transforms, message)
         return [] if transforms is None else self.add_transforms(transforms, is_static=is_static)
 
-    @property
-    def T_map_odom(self) -> se3.Matrix:
-        """Pose (4, 4) of the odometry's frame in the map."""
-        return self._T_map_odom
-
-    def set_correction(self, T_map_odom: se3.Matrix) -> None:
-        """Pose (4, 4) of the odometry's frame in the map, for all scans released from now on."""
-        self._T_map_odom = T_map_odom
+    def set_correction(self, T_map_odom: se3.Matrix, stamp_ns: int = 0) -> None:
+        """Pose (4, 4) of the odometry's frame of a stamp in the map, for scans released later."""
+        self.correction.set(T_map_odom, stamp_ns)
 
     def add_scan(self, topic: str, scan: Scan) -> list[Reading]:
         """Add a scan of one of ``scan_topics``."""
         if topic not in self._params.scan_topics:
             raise ValueError(f"{topic} is not one of scan_topics {self._params.scan_topics}")
+        self.watch.observe_scan(topic, scan)
         newest = self._newest_ns.get(topic, scan.stamp_ns)
         if scan.stamp_ns < newest - JUMP_BACK_NS:
             self._forget_waiting([topic], after_ns=scan.stamp_ns)
@@ -164,20 +177,21 @@ class ScanQueue:
         return self._release()
 
     def add_odometry(self, odometry: Odometry) -> list[Reading]:
-        """Add a pose of the robot."""
-        fault = self._odometry_fault(odometry)
-        if fault is not None:
-            self.dropped.record(*fault)
+        """Add a pose of the robot; an implausible one waits for the next, see `OdometryGate`."""
+        refusal = self.gate.refusal(odometry, self._params.base_frame)
+        if refusal is not None:
+            self.dropped.record(*refusal)
             return []
-        stamp, frame = odometry.stamp_ns, odometry.frame_id
-        if stamp < self._odom_stamp_ns:
-            self._start_over(stamp)
-        for topic in self._params.scan_topics:
-            self._newest_ns.setdefault(topic, stamp - 1)
-        self.odometry = odometry
-        self._odom_frame, self._odom_stamp_ns = frame, stamp
-        child = odometry.child_frame_id
-        self._odometry.add([Transform(parent=frame, child=child, stamp_ns=stamp, T=odometry.T)])
+        if odometry.stamp_ns < self._odom_stamp_ns:
+            self._start_over(odometry.stamp_ns)
+        for admitted in self.gate.admit(odometry):
+            stamp, frame = admitted.stamp_ns, admitted.frame_id
+            for topic in self._params.scan_topics:
+                self._newest_ns.setdefault(topic, stamp - 1)
+            self.odometry, self._odom_frame, self._odom_stamp_ns = admitted, frame, stamp
+            self.watch.observe_odometry(stamp)
+            child = admitted.child_frame_id
+            self._odometry.add([Transform(parent=frame, child=child, stamp_ns=stamp, T=admitted.T)])
         return self._release()
 
     def add_transforms(
@@ -196,25 +210,12 @@ class ScanQueue:
 
     def flush(self) -> list[Reading]:
         """Nothing more will come: returns what is ready and counts the rest as dropped."""
+        self.gate.finish()
         return self._release(is_end=True)
-
-    def _odometry_fault(self, odometry: Odometry) -> tuple[str, str] | None:
-        """Why a pose is not used, and an example; None where it is used."""
-        child, frame, stamp = odometry.child_frame_id, odometry.frame_id, odometry.stamp_ns
-        if child != self._params.base_frame:
-            return "odometry: of another frame", f"of {child!r}, not of {self._params.base_frame!r}"
-        if self._odom_frame not in ("", frame):
-            return "odometry: in another frame", f"in {frame!r}, not in {self._odom_frame!r}"
-        if frame == child:
-            return "odometry: of a frame in itself", repr(child)
-        if stamp == self._odom_stamp_ns:
-            return "odometry: stamp seen before", ""
-        if self._odom_stamp_ns - JUMP_BACK_NS <= stamp < self._odom_stamp_ns:
-            return "odometry: out of order", ""
-        return None
 
     def _start_over(self, stamp_ns: int) -> None:
         self.dropped.record("poses: clock jumped back")
+        self.correction.restart()
         self._forget_waiting(self._params.scan_topics, after_ns=stamp_ns)
         self._transforms.forget_after(stamp_ns + JUMP_BACK_NS)
         self._newest_ns = {topic: min(ns, stamp_ns - 1) for topic, ns in self._newest_ns.items()}
@@ -264,6 +265,9 @@ class ScanQueue:
 
     def _reading(self, waiting: _Waiting) -> Reading | _LookupFailure:
         stamps, base_frame = waiting.beam_stamps_ns, self._params.base_frame
+        begin = int(stamps.min())
+        if self.gate.is_torn(begin, waiting.last_ns):
+            return _LookupFailure(Missing.TORN, "the odometry")
         T_odom_base = self._odometry.lookup(self._odom_frame, base_frame, stamps)
         if isinstance(T_odom_base, Missing):
             return _LookupFailure(T_odom_base, "the odometry")
@@ -277,7 +281,7 @@ class ScanQueue:
         return Reading(
             topic=waiting.topic,
             scan=waiting.scan,
-            T_map_base=self._T_map_odom @ T_odom_base,
+            T_map_base=self.correction.T_map_odom(begin) @ T_odom_base,
             T_base_sensor=mount,
         )
 

@@ -31,6 +31,7 @@ class Missing(Enum):
     TOO_EARLY = "before"
     NOT_YET = "after"
     GAP = "in a gap of"
+    TORN = "beside a jump of"
 
 
 class _Edge:

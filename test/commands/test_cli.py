@@ -9,11 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bag_writer import laser_scan, odometry, tf_message, write_bag
 from PIL import Image
 from repository import ROOT
 
 from heightmap25d_ros import cli
 from heightmap25d_ros.io import map_directory, trajectory
+from heightmap25d_ros.pipelines.self_check import Observed, findings
 
 RAMP = ROOT / "bags" / "ramp"
 TRUTH = RAMP / "truth" / "surface.npz"
@@ -80,6 +82,61 @@ def test_convert_never_replaces_a_map_by_an_empty_one(capsys, tmp_path, ramp_map
         assert "nothing has been mapped" in err
     assert map_directory.digest(ramp_map) == digest
     assert not (tmp_path / "out").exists()
+
+
+def small_bag(path, *, z=0.01, ranges=(2.0,) * 100, **fields):
+    """Two seconds of a robot that stands still, with one level laser."""
+    events = []
+    mount = tf_message((0, "base_link", "laser", (0.0, 0.0, 0.5), (0.0, 0.0, 0.0, 1.0)))
+    events.append(("/tf_static", 10**9, mount))
+    for step in range(100):
+        stamp = 10**9 + step * 20_000_000
+        events.append(("/odom", stamp, odometry(stamp, (0.0, 0.0, z * (step % 2)))))
+        scan = laser_scan(stamp + 1_000_000, ranges, **fields)
+        events.append(("/scan", stamp + 1_000_000, scan))
+    return write_bag(path, events)
+
+
+@pytest.mark.parametrize(
+    ("fields", "numbers"),
+    [
+        (
+            {"ranges": (4200.0,) * 100},
+            "100% of 9900 are beyond range_max, the median is 4200 m against a range_max of 30 m",
+        ),
+        ({"range_max": 1.0}, "the median is 2 m against a range_max of 1 m"),
+        ({"range_min": 0.0, "range_max": 0.0}, "a range_max of 0 m"),
+        ({"ranges": (0.0,) * 100}, "100% of 9900 are below range_min"),
+        ({"angle_max": 180.0}, "180.5 rad"),
+        ({"range_max": np.nan}, "scan: bad range_max (100, the last one: range_max: nan"),
+    ],
+)
+def test_a_map_that_would_be_empty_is_refused_with_the_numbers(capsys, tmp_path, fields, numbers):
+    bag = small_bag(tmp_path / "bag", **fields)
+    status, _, err = run(capsys, "map", bag, "-o", tmp_path / "out")
+    assert (status, err.count("\n")) == (2, 1)
+    assert numbers in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_flat_odometry_is_told_in_the_words_of_the_self_check(capsys, tmp_path):
+    bag = small_bag(tmp_path / "bag", z=0.0)
+    status, figures, err = run(capsys, "map", bag, "-o", tmp_path / "out")
+    sentence = str(findings(Observed(scans=100, dropped={}, flat_poses=100))[0])
+    assert status == 0
+    assert figures["warnings"] == [sentence]
+    assert f"warning: {sentence} (see docs/troubleshooting.md)" in err
+
+
+def test_a_sound_bag_has_no_warnings(capsys, tmp_path):
+    status, figures, err = run(capsys, "map", small_bag(tmp_path / "bag"), "-o", tmp_path / "out")
+    assert (status, figures["warnings"], err) == (0, [], "")
+
+
+def test_times_that_do_not_go_together_are_warned_of(capsys, tmp_path):
+    bag = small_bag(tmp_path / "bag", time_increment=0.01)
+    _, figures, _ = run(capsys, "map", bag, "-o", tmp_path / "out")
+    assert "a scan lasts 0.99 s, and the next one comes after 0.02 s" in figures["warnings"][0]
 
 
 @pytest.mark.slow

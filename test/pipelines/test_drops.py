@@ -8,12 +8,12 @@ from heightmap25d_ros.pipelines.drops import Drops
 
 def test_a_malformed_message_is_counted_with_the_numbers_that_are_wrong():
     dropped = Drops()
-    scan = laser_scan(0, [1.0] * 361, angle_min=0.0, angle_max=3.0, angle_increment=0.1)
+    scan = laser_scan(0, [1.0] * 361, angle_min=0.0, angle_max=3.0, angle_increment=0.01)
     assert dropped.decoded("scan", decode.scan, scan) is None
     assert dropped == {"scan: bad ranges": 1}
     example = dropped.examples["scan: bad ranges"]
     assert "361" in example
-    assert "3 rad by 0.1 rad" in example
+    assert "3 rad by 0.01 rad" in example
     assert str(dropped) == f"scan: bad ranges (1, the last one: {example})"
     assert dropped.decoded("scan", decode.scan, laser_scan(0, [1.0, 2.0])) is not None
     assert dropped.total() == 1

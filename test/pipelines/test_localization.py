@@ -25,6 +25,7 @@ from heightmap25d_ros import se3
 from heightmap25d_ros.localization.tracker import Kind
 from heightmap25d_ros.localization.tracking_state import State
 from heightmap25d_ros.params.by_name import with_values
+from heightmap25d_ros.pipelines import odometry_gate
 from heightmap25d_ros.pipelines.localization import Localizer
 from heightmap25d_ros.pipelines.replay import feed
 
@@ -161,18 +162,33 @@ def jumped(message, shift):
     return message
 
 
-def test_odometry_that_jumps_does_not_move_the_robot(start, room):
-    jump_at = start[0].stamp_ns + 5 * 10**9
-    torn = [
-        event._replace(message=jumped(event.message, (7.0, -3.0)))
-        if event.topic == "/odom" and event.stamp_ns > jump_at
+def torn_odometry(events, shift, until):
+    """Events whose odometry is shifted from 5 s after the first one on, for a time [s]."""
+    begin = events[0].stamp_ns + 5 * 10**9
+    return [
+        event._replace(message=jumped(event.message, shift))
+        if event.topic == "/odom" and 0 < event.stamp_ns - begin <= until * 1e9
         else event
-        for event in start
+        for event in events
     ]
+
+
+@pytest.mark.parametrize(
+    ("shift", "until", "counted"),
+    [
+        ((7.0, -3.0), 1e3, {odometry_gate.BRIDGED: 1}),
+        ((0.0, 1.0), 1e3, {odometry_gate.BRIDGED: 1}),
+        ((7.0, -3.0), 2.0, {odometry_gate.BRIDGED: 1, odometry_gate.RETURNED: 1}),
+        ((7.0, -3.0), 0.02, {odometry_gate.SKIPPED: 1}),
+    ],
+)
+def test_odometry_that_jumps_does_not_move_the_robot(start, room, shift, until, counted):
+    torn = torn_odometry(start, shift, until)
     driven = drive(torn, room)
     error = driven.errors(torn)
     assert error[:, 0].max() <= 0.10
-    assert driven.localizer.dropped["odometry: jumped"] == 1
+    dropped = driven.localizer.dropped
+    assert {r: n for r, n in dropped.items() if r in odometry_gate.JUMPS} == counted
     assert driven.states[-1] is State.TRACKING
 
 

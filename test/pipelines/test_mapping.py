@@ -3,6 +3,7 @@
 """Messages in, maps out, without ROS."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -33,7 +34,7 @@ def scan(milliseconds, *ranges):
     return laser_scan(START + milliseconds * MS, ranges, angle_min=0.0, angle_max=0.1 * len(ranges))
 
 
-def correction(frame_id, x):
+def correction(frame_id, x, milliseconds=0):
     pose_type = rosbags_type("geometry_msgs/msg/Pose")
     point, quaternion = (
         rosbags_type(f"geometry_msgs/msg/{name}") for name in ("Point", "Quaternion")
@@ -45,7 +46,7 @@ def correction(frame_id, x):
         covariance=np.zeros(36),
     )
     return rosbags_type("geometry_msgs/msg/PoseWithCovarianceStamped")(
-        header=header(START, frame_id), pose=covariance
+        header=header(START + milliseconds * MS, frame_id), pose=covariance
     )
 
 
@@ -131,8 +132,8 @@ def test_a_map_stretched_by_a_wild_pose_is_refused_until_it_is_cleared():
     m = mapping(**{"grid.extent": 2048.0, "mapping.max_cells": 1e5})
     m.take_odometry(pose(0))
     m.take_scan("scan", scan(0, 2.05))
-    m.take_odometry(pose(20, x=1000.0))
-    m.take_scan("scan", scan(20, 2.05))
+    m.take_odometry(pose(60_000, x=1000.0))
+    m.take_scan("scan", scan(60_000, 2.05))
     m.settle()
     with pytest.raises(InputError, match=r"mapping\.max_cells"):
         m.maps()
@@ -234,8 +235,112 @@ def test_a_loaded_map_is_not_added_to_and_a_cleared_one_begins_again():
     before = begun(m)
     content, _ = m.maps()
     m.clear(content)
-    assert begun(m, at=100, x=3.0) == before
+    assert begun(m, at=1000, x=3.0) == before
     m.clear()
     assert heights(m) == {}
-    after = begun(m, at=200, x=3.0)
+    after = begun(m, at=1200, x=3.0)
     assert {(x - 2.5, y) for x, y in after} == set(before)
+
+
+# Odometry that jumps.
+
+
+def drive(m, begin, end, x=0.0):
+    """20 ms of odometry and a scan between, at 1 m/s: from and to milliseconds."""
+    for milliseconds in range(begin, end, 20):
+        m.take_odometry(pose(milliseconds, x=x + milliseconds / 1000))
+        m.take_scan("scan", scan(milliseconds + 10, 2.05))
+    return m.merged["scans"]
+
+
+def status(milliseconds, state):
+    head = header(START + milliseconds * MS, "map")
+    return SimpleNamespace(header=head, state=state, TRACKING=0, DEGRADED=1, LOST=2)
+
+
+def lost_after_a_jump():
+    """One second of mapping, two seconds without odometry, and it is 300 m off."""
+    m = mapping(**{"grid.extent": 2048.0})
+    assert drive(m, 0, 1000) == 49  # the last scan waits
+    before = heights(m)
+    drive(m, 3000, 4000, x=300.0)
+    assert (m.merged["scans"], heights(m)) == (49, before)
+    assert "302 m in 2.02 s" in m.trouble
+    assert "not mapping: the odometry jumped" in m.trouble
+    assert m.dropped["scan: the pose is unknown since the odometry jumped"] > 40
+    return m, before
+
+
+def test_a_jump_is_bridged_and_the_map_goes_on_where_it_was():
+    undisturbed, jumped = mapping(), mapping()
+    drive(undisturbed, 0, 2000)
+    drive(jumped, 0, 1000)
+    drive(jumped, 1000, 2000, x=300.0)
+    assert heights(jumped) == heights(undisturbed)
+    assert jumped.trouble == ""
+    assert jumped.T_map_odom[0, 3] == pytest.approx(-300.0)
+    assert "300 m in 0.02 s" in str(jumped.dropped)
+
+
+def test_mapping_stops_where_the_robot_may_have_moved():
+    lost_after_a_jump()
+
+
+def test_mapping_goes_on_when_localization_tracks_and_has_said_where():
+    m, before = lost_after_a_jump()
+    m.take_correction(correction("map", 10.0, 900))  # of before the jump
+    m.take_localization_status(status(3500, 1))
+    m.take_localization_status(status(900, 0))
+    assert drive(m, 4000, 4500, x=300.0) == 49
+    m.take_localization_status(status(4400, 0))
+    m.take_correction(correction("map", -290.0, 4500))
+    assert m.trouble == ""
+    assert drive(m, 4500, 5000, x=300.0) > 60
+    added = set(heights(m)) - set(before)
+    assert min(x for x, _ in added) == pytest.approx(300.0 + 4.5 + 2.05 - 290.0, abs=0.15)
+    assert m.T_map_odom[0, 3] == pytest.approx(-290.0)
+
+
+def test_mapping_goes_on_when_the_pose_comes_back():
+    m, before = lost_after_a_jump()
+    assert drive(m, 4000, 4500) > 60
+    assert m.trouble == ""
+    assert m.T_map_odom[0, 3] == 0.0
+    assert max(x for x, _ in set(heights(m)) - set(before)) == pytest.approx(6.5, abs=0.15)
+
+
+def test_mapping_goes_on_after_the_map_is_cleared():
+    m, _ = lost_after_a_jump()
+    m.clear()
+    assert m.trouble == ""
+    assert drive(m, 4000, 4500, x=300.0) > 60
+    assert min(x for x, _ in heights(m)) == pytest.approx(306.0, abs=0.15)
+    assert m.T_map_odom[0, 3] == 0.0
+
+
+def test_a_map_that_is_loaded_does_not_tell_where_the_robot_is():
+    m, _ = lost_after_a_jump()
+    content, _ = m.maps()
+    m.clear(content)
+    assert m.trouble
+
+
+def test_a_correction_of_before_a_jump_and_one_of_after_it_say_the_same():
+    """Localization sees the jump as well: what it says then is about the new frame."""
+    m = mapping()
+    m.take_correction(correction("map", 5.0))
+    drive(m, 0, 1000)
+    drive(m, 1000, 1500, x=300.0)
+    assert m.T_map_odom[0, 3] == pytest.approx(-295.0)
+    m.take_correction(correction("map", -294.5, 1400))
+    assert m.T_map_odom[0, 3] == pytest.approx(-294.5)
+    m.take_correction(correction("map", 6.0, 900))  # late
+    assert m.T_map_odom[0, 3] == pytest.approx(-294.0)
+
+
+def test_a_bag_that_loops_begins_in_its_first_frame_again():
+    m = mapping()
+    drive(m, 5000, 6000)
+    drive(m, 6000, 6500, x=300.0)
+    drive(m, 0, 500)
+    assert m.T_map_odom[0, 3] == 0.0

@@ -1,0 +1,146 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What is noticed about the scans and poses that come: numbers from which `self_check` judges."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict, deque
+from typing import Any
+
+import numpy as np
+
+from heightmap25d_ros.mapping.sensor_model import Scan, no_returns
+from heightmap25d_ros.pipelines.drops import BELOW_RANGE_MIN, BEYOND_RANGE_MAX, Drops
+
+RETURNS, BEYOND, BELOW, AT_MAX = "returns", "beyond range_max", "below range_min", "at range_max"
+"""What is counted of the ranges: finite ones that are returns, and where they lie."""
+
+_RECENT = 100
+"""Scans of each laser from which times are estimated."""
+
+_ENOUGH = 10
+"""Scans from which on times are estimated at all."""
+
+AHEAD, BEHIND = 0.15, 0.25
+"""Offset between the stamps of scans and of odometry from which on it is told [s].
+
+Both are late by nature: odometry by its period and by filters, scans by their sweep.
+"""
+
+LONGER = 1.25
+"""A scan that lasts longer than this share of the time to the next one is told."""
+
+
+class Flatness:
+    """Counts messages of odometry for as long as all of them lie exactly in the plane."""
+
+    def __init__(self) -> None:
+        self.poses = 0
+        self._is_flat = True
+
+    def observe(self, message: Any) -> None:
+        """Look at a nav_msgs/Odometry."""
+        if not self._is_flat:
+            return
+        position, turn = message.pose.pose.position, message.pose.pose.orientation
+        self._is_flat = position.z == turn.x == turn.y == 0.0
+        self.poses = self.poses + 1 if self._is_flat else 0
+
+
+class InputWatch:
+    """Looks at scans as they come, and at their ranges as they are used.
+
+    Attributes
+    ----------
+    counts : Counter of str
+        Returns of used scans, and how many of them lie out of range.
+    scans, used : int
+        Scans that came, and those that were used.
+    flatness : Flatness
+    """
+
+    def __init__(self) -> None:
+        self.counts: Counter[str] = Counter()
+        self.scans = self.used = 0
+        self.flatness = Flatness()
+        self._examples: dict[str, str] = {}
+        self._sweeps: dict[str, deque[tuple[int, float]]] = defaultdict(
+            lambda: deque(maxlen=_RECENT)
+        )
+        self._offsets: dict[str, deque[float]] = defaultdict(lambda: deque(maxlen=_RECENT))
+        self._odometry: deque[int] = deque(maxlen=_RECENT)
+
+    def observe_odometry(self, stamp_ns: int) -> None:
+        """A pose has come."""
+        self._odometry.append(stamp_ns)
+
+    def observe_scan(self, topic: str, scan: Scan) -> None:
+        """A scan has come, after the newest pose."""
+        self.scans += 1
+        sweep = abs(scan.time_increment) * (len(scan.ranges) - 1)
+        self._sweeps[topic].append((scan.stamp_ns, sweep))
+        if self._odometry:
+            self._offsets[topic].append((scan.stamp_ns - self._odometry[-1]) * 1e-9)
+
+    def observe_ranges(self, scan: Scan, convention: str, dropped: Drops) -> None:
+        """A scan is used; count the returns that lie out of its range.
+
+        Parameters
+        ----------
+        scan : Scan
+        convention : str
+            Parameter ``sensor.no_return``.
+        dropped : Drops
+        """
+        self.used += 1
+        ranges = scan.ranges
+        is_return = np.isfinite(ranges) & ~no_returns(scan, convention)
+        returns = ranges[is_return]
+        is_beyond, is_below = returns > scan.range_max, returns < scan.range_min
+        places = {
+            BEYOND: (is_beyond, f"a range_max of {scan.range_max:g} m"),
+            BELOW: (is_below, f"a range_min of {scan.range_min:g} m"),
+            AT_MAX: (returns == np.float32(scan.range_max), f"range_max {scan.range_max:g} m"),
+        }
+        self.counts[RETURNS] += len(returns)
+        for place, (is_there, limit) in places.items():
+            count = int(np.count_nonzero(is_there))
+            if count:
+                self.counts[place] += count
+                median = float(np.median(returns[is_there]))
+                self._examples[place] = f"the median is {median:.4g} m against {limit}"
+        examples = self._examples
+        dropped.record(BEYOND_RANGE_MAX, examples.get(BEYOND, ""), int(is_beyond.sum()))
+        dropped.record(BELOW_RANGE_MIN, examples.get(BELOW, ""), int(is_below.sum()))
+
+    def example(self, place: str) -> str:
+        """Of the returns in one of these places: the newest scan's median and the limit."""
+        return self._examples.get(place, "")
+
+    def sweep_fault(self) -> str:
+        """Which laser's scans last longer than the time to the next one; empty where none do."""
+        for topic, seen in self._sweeps.items():
+            stamps = [stamp for stamp, _ in seen]
+            if len(seen) < _ENOUGH or max(stamps) == min(stamps):
+                continue
+            period = (max(stamps) - min(stamps)) * 1e-9 / (len(stamps) - 1)
+            sweep = float(np.median([sweep for _, sweep in seen]))
+            if sweep > LONGER * period:
+                return (
+                    f"{topic}: by its time_increment a scan lasts {sweep:.3g} s, and the next one "
+                    f"comes after {period:.3g} s"
+                )
+        return ""
+
+    def offset_fault(self) -> str:
+        """How far a laser's stamps are off the odometry's; empty where they go together."""
+        if len(self._odometry) < _ENOUGH:
+            return ""
+        period = float(np.median(np.diff(self._odometry))) * 1e-9
+        for topic, offsets in self._offsets.items():
+            # The newest pose is half a period old on average when a scan comes.
+            offset = float(np.median(offsets)) - period / 2
+            if len(offsets) >= _ENOUGH and not -BEHIND - period <= offset <= AHEAD + period:
+                side = "ahead of" if offset > 0 else "behind"
+                return f"{topic}: scan stamps are {abs(offset):.2f} s {side} the odometry's"
+        return ""
