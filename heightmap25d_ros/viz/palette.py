@@ -175,7 +175,7 @@ def occupied_entry() -> Patch:
 
 def wall_entry() -> Patch:
     """The legend entry of `WALL` cells."""
-    return cell_entry(WALL, "wall without known ground")
+    return cell_entry(WALL, "wall or ledge without known ground")
 
 
 def inflated_entry() -> Patch:

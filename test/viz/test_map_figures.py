@@ -148,6 +148,6 @@ def test_legend_of_the_obstacle_map_names_walls_where_heights_are_given(
     map_figures.obstacle_map(path, obstacle_map(), TRAJECTORY, height_map())
     map_figures.obstacle_map(path, obstacle_map())
     assert named == [
-        ["free", "occupied", "wall without known ground", "unknown", "driven path"],
+        ["free", "occupied", "wall or ledge without known ground", "unknown", "driven path"],
         ["free", "occupied", "unknown"],
     ]
