@@ -62,7 +62,8 @@ def _map(options: argparse.Namespace) -> Figures:
     if not scan_ms:
         raise InputError(f"{options.bag}: no scan could be mapped; {reasons(mapping.dropped)}")
     frame = settings.mapping.map_frame
-    map_directory.save(options.output, height_map, obstacle_map, frame, trajectory)
+    layers = mapping.layers(height_map.geometry)
+    map_directory.save(options.output, height_map, obstacle_map, frame, trajectory, layers)
     p50, p95, p99 = np.percentile(scan_ms, [50, 95, 99])
     return {
         "bag": str(options.bag),

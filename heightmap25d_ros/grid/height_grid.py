@@ -176,7 +176,7 @@ class HeightGrid:
             If its resolution is another one, its cells do not coincide with the grid's, or it
             reaches beyond the extent.
         """
-        area = self._area_of(height_map.geometry)
+        area = self.area_of(height_map.geometry)
         ty, tx = area.iy // TILE, area.ix // TILE
         whole = Area(ty * TILE, tx * TILE, 0, 0)
         rows = -(-(area.iy + area.rows) // TILE) * TILE - whole.iy
@@ -196,7 +196,8 @@ class HeightGrid:
         self.tile_top[tiles] = top.max(axis=(2, 3))
         self.tile_changed[tiles] = 1
 
-    def _area_of(self, geometry: Geometry) -> Area:
+    def area_of(self, geometry: Geometry) -> Area:
+        """The cells that a geometry has; ValueError where they are not the grid's."""
         if not np.isclose(geometry.resolution, self.geometry.resolution, rtol=1e-6):
             raise ValueError(
                 f"resolution is {geometry.resolution} m, the grid's {self.geometry.resolution} m"

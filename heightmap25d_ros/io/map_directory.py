@@ -28,9 +28,10 @@ from heightmap25d_ros.grid.height_map import (
     Geometry,
     HeightMap,
 )
-from heightmap25d_ros.io import atomic_directory
+from heightmap25d_ros.io import atomic_directory, layers_file
 from heightmap25d_ros.io._untrusted import as_input_error
 from heightmap25d_ros.io.trajectory import write_tum
+from heightmap25d_ros.localization.layers import LayerMap
 from heightmap25d_ros.terrain.traversability import ObstacleMap
 
 FORMAT_VERSION = 1
@@ -93,10 +94,12 @@ def save(
     obstacle_map: ObstacleMap,
     frame_id: str,
     trajectory: Sequence[tuple[int, se3.Matrix]] = (),
+    layers: LayerMap | None = None,
 ) -> None:
     """Write a map directory, in one step and in place of the one that is there.
 
-    A trajectory, stamps [ns] and poses (4, 4), becomes ``trajectory.tum``. Other files in the
+    A trajectory, stamps [ns] and poses (4, 4), becomes ``trajectory.tum``; layers for
+    localization, of the same cells, become ``localization_layers.npz``. Other files in the
     directory stay. `atomic_directory.replacing` tells what a crash leaves.
 
     Raises
@@ -126,6 +129,8 @@ def save(
         )
         if trajectory:
             write_tum(temporary / TRAJECTORY, trajectory)
+        if layers is not None:
+            layers_file.write(temporary / layers_file.LAYERS, layers, temporary / HEIGHT_GRID)
 
 
 def load(directory: Path, probability_threshold: float) -> LoadedMap:

@@ -247,6 +247,9 @@ class MappingParams(Section):
     max_cells: float = parameter(
         32e6, "a map whose bounding box has more cells is not published or saved", low=256, high=1e9
     )
+    localization_layers: bool = parameter(
+        True, "whether the map keeps mean heights and places of returns, which localization uses"
+    )
     map_directory: str = parameter("maps", "where save_map and load_map keep their maps")
     initial_map: str = parameter("", "name of the map to begin with; empty: none")
     autosave: str = parameter(

@@ -13,7 +13,8 @@ import numpy as np
 from heightmap25d_ros import se3
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_grid import TILE, HeightGrid
-from heightmap25d_ros.grid.height_map import Area, HeightMap
+from heightmap25d_ros.grid.height_map import Area, Geometry, HeightMap
+from heightmap25d_ros.localization.layers import LayerMap, LocalizationLayers
 from heightmap25d_ros.mapping import sensor_model
 from heightmap25d_ros.mapping.mapper import Mapper
 from heightmap25d_ros.params.sections import Params
@@ -35,6 +36,11 @@ def compile_kernels(params: Params) -> None:
     Mapper(scratch, params.sensor, params.mapper).integrate(
         sensor_model.Beams(
             origins=beam, ends=beam + 1.0, is_hit=np.ones(1, bool), is_lone=np.zeros(1, bool)
+        )
+    )
+    LocalizationLayers(scratch).integrate(
+        sensor_model.Beams(
+            origins=beam, ends=beam, is_hit=np.ones(1, bool), is_lone=np.zeros(1, bool)
         )
     )
     obstacles = ObstacleGrid(scratch.geometry, params.traversability)
@@ -80,8 +86,8 @@ class Mapping:
         self._lost: Counter[str] = Counter()
         self.clear()
 
-    def clear(self, content: HeightMap | None = None) -> None:
-        """Start a new map, empty or with a loaded map in it.
+    def clear(self, content: HeightMap | None = None, layers: LayerMap | None = None) -> None:
+        """Start a new map, empty or with a loaded map and its localization layers in it.
 
         Raises
         ------
@@ -92,6 +98,11 @@ class Mapping:
         if content is not None:
             grid.write(content)
         self.grid = grid
+        self._layers: LocalizationLayers | None = None
+        if self._params.mapping.localization_layers:
+            self._layers = LocalizationLayers(grid)
+            if layers is not None:
+                self._layers.write(layers)
         self._has_begun = False
         self._use_params()
 
@@ -166,6 +177,12 @@ class Mapping:
         self._obstacles.update(self.grid, threshold)
         return self.grid.read(threshold, area), self._obstacles.read(area)
 
+    def layers(self, geometry: Geometry) -> LayerMap | None:
+        """The localization layers of cells of the grid; None without them."""
+        if self._layers is None:
+            return None
+        return self._layers.read(self.grid.area_of(geometry))
+
     def size(self) -> Size:
         """How large the map is now."""
         area = self.grid.observed_area()
@@ -181,15 +198,16 @@ class Mapping:
         for reading in readings:
             if not self._has_begun:
                 self._begin(reading.T_map_base[0])
-            result = self._mapper.integrate(
-                sensor_model.beams(
-                    reading.scan,
-                    reading.T_map_base,
-                    reading.T_base_sensor,
-                    self._params.sensor,
-                    self._params.mapper.lone_return,
-                )
+            beams = sensor_model.beams(
+                reading.scan,
+                reading.T_map_base,
+                reading.T_base_sensor,
+                self._params.sensor,
+                self._params.mapper.lone_return,
             )
+            result = self._mapper.integrate(beams)
+            if self._layers is not None:
+                self._layers.integrate(beams)
             self.merged["scans"] += 1
             self.merged["returns"] += result.hits
             self._lost += Counter(
