@@ -13,6 +13,7 @@ import numpy as np
 from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.localization.global_search import relocalize
+from heightmap25d_ros.localization.landmarks import ELEVATED, Landmarks
 from heightmap25d_ros.localization.matching import RegistrationPoints
 from heightmap25d_ros.localization.paper_registration import register_by_paper
 from heightmap25d_ros.localization.pose_filter import PoseFilter, correction_about
@@ -22,14 +23,17 @@ from heightmap25d_ros.localization.registration import (
     register,
     to_registration_points,
 )
+from heightmap25d_ros.localization.scan_filter import ScanFilter, unknown_errors
+from heightmap25d_ros.localization.scan_window import ScanWindow
 from heightmap25d_ros.localization.short_term import ShortTermMap, ShortTermMaps, way_between
 from heightmap25d_ros.localization.surface import Surface
-from heightmap25d_ros.localization.tracking_state import Health, State
+from heightmap25d_ros.localization.tracking_state import CONTRADICTIONS, Health, State
 from heightmap25d_ros.mapping.sensor_model import Beams
 from heightmap25d_ros.params.sections import Params
 
 _PLACE_COVARIANCE = np.diag([0.15**2, 0.15**2, 0.03**2])  # of what is found in the whole map
 _SEARCH_WAY = 1.0  # [m] from one search of the whole map to the next
+_COARSE = 0.25  # [m] of deviation from which on scans alone may be held to the wrong wall
 
 
 class Kind(Enum):
@@ -94,7 +98,9 @@ class Tracker:
     ----------
     surface : Surface or None
         The long-term map.
-    estimate : PoseFilter
+    landmarks : Landmarks or None
+        Of the same map; with them scans are tracked.
+    estimate : PoseFilter or ScanFilter
     health : Health
     jumps : int
         How often the estimate was replaced, not corrected.
@@ -104,20 +110,39 @@ class Tracker:
         self.surface: Surface | None = None
         self.health = Health(params.localization)
         self.jumps = 0
+        self.estimate: PoseFilter | ScanFilter
         self._params = params
         self._short_term = ShortTermMaps(params)
         self._T_odom_base: se3.Matrix | None = None
         self._is_search_wanted = False
+        self.landmarks: Landmarks | None = None
+        self._window = ScanWindow(params.scan_filter)
+        self._odometry_errors = unknown_errors(params)
         self.set_pose(T_map_odom, covariance)
 
     def set_params(self, params: Params) -> None:
         """Go on with other parameters; short-term maps take them when they begin."""
         self._params = params
         self._short_term.params = params
+        self._window.params = params.scan_filter
+
+    def set_long_term(self, surface: Surface | None, landmarks: Landmarks | None) -> None:
+        """Another long-term map; the pose stays."""
+        uses_scans = (
+            self._params.scan_filter.enabled and self._params.registration.method != "paper"
+        )
+        self.surface, self.landmarks = surface, landmarks if uses_scans else None
+        self.estimate = self._estimate_at(self.estimate.T_map_odom, self.estimate.covariance)
+
+    def _estimate_at(self, T_map_odom: se3.Matrix, covariance: Array) -> PoseFilter | ScanFilter:
+        if self.landmarks is None:
+            return PoseFilter(self._params.localization, T_map_odom, covariance)
+        return ScanFilter(self._params, T_map_odom, covariance, self._odometry_errors)
 
     def set_pose(self, T_map_odom: se3.Matrix, covariance: Array) -> None:
         """The robot is somewhere else than was thought."""
-        self.estimate = PoseFilter(self._params.localization, T_map_odom, covariance)
+        self.estimate = self._estimate_at(T_map_odom, covariance)
+        self._is_settled = False
         self.health.begin()
         self.jumps += 1
         self._candidate: PoseFilter | None = None
@@ -127,6 +152,7 @@ class Tracker:
     def forget(self) -> None:
         """What was seen so far does not go with what will be seen: odometry has jumped."""
         self._short_term.clear()
+        self._window.clear()
         self._T_odom_base = None
         self._candidate = None
 
@@ -151,6 +177,9 @@ class Tracker:
         """Take the beams of a scan in, in odom, with the pose (4, 4) of the robot."""
         self._short_term.integrate(beams, T_odom_base, stamp_ns)
         way = self._short_term.way
+        self._window.add(beams, stamp_ns)
+        if self._is_tracking_scans():
+            return self._track_scans(stamp_ns)
         if self.surface is None or not (self._is_registration_due() or self._is_search_due()):
             return None
         short_term_map = self._short_term.mature()
@@ -167,16 +196,62 @@ class Tracker:
         else:
             kind, found = Kind.TRACKING, self._track(view)
         self._tried_way = way
+        return self._attempt(kind, found, view, stamp_ns)
+
+    def _attempt(self, kind: Kind, found: Registration, view: _View, stamp_ns: int) -> Attempt:
         return Attempt(
             stamp_ns=stamp_ns,
             kind=kind,
             registration=found,
             state=self.health.state,
-            T_map_base=self.estimate.T_map_odom @ T_odom_base,
+            T_map_base=self.estimate.T_map_odom @ view.T_odom_base,
             deviation=self.estimate.deviation,
-            points=points,
-            pivot=pivot,
+            points=view.points,
+            pivot=view.pivot,
         )
+
+    def _is_tracking_scans(self) -> bool:
+        """Whether scans are held to the map: a short-term map was registered to it before."""
+        return (
+            self.landmarks is not None
+            and self._is_settled
+            and self.health.state is not State.LOST
+            and self._candidate is None
+            and not self._is_search_due()
+        )
+
+    def _track_scans(self, stamp_ns: int) -> Attempt | None:
+        """Update by scans; an attempt once in an interval."""
+        way, T_odom_base = self._short_term.way, self._T_odom_base
+        if T_odom_base is None or not self._window.is_due(way, stamp_ns):
+            return None
+        assert isinstance(self.estimate, ScanFilter)
+        assert self.landmarks is not None
+        assert self.surface is not None
+        prior = self.estimate.T_map_odom
+        returns = self._window.take(way, stamp_ns)
+        found = self.estimate.update(returns, T_odom_base, self.landmarks)
+        if way - self._tried_way < self._params.localization.interval:
+            return None
+        self._tried_way = way
+        points, pivot = _scan_points(returns, prior, T_odom_base, self.landmarks)
+        view = _View(self.surface, points, pivot, T_odom_base)
+        if found.reason in CONTRADICTIONS or self.estimate.deviation[0] > _COARSE:
+            found, view = self._registered_instead(found, view)
+        self.health.update(found, self.estimate.deviation[0])
+        return self._attempt(Kind.TRACKING, found, view, stamp_ns)
+
+    def _registered_instead(self, found: Registration, view: _View) -> tuple[Registration, _View]:
+        """Where scans do not tell the pose, or not surely, a short-term map may."""
+        short_term_map = self._short_term.mature()
+        if short_term_map is None:
+            return found, view
+        seen = short_term_map.local_cells(self._short_term.way)
+        T_map_odom = self.estimate.T_map_odom
+        points, pivot = to_registration_points(seen, T_map_odom, view.T_odom_base)
+        wide = _View(view.surface, points, pivot, view.T_odom_base)
+        registered = self._register(self.estimate, wide)
+        return (registered, wide) if registered.is_accepted else (found, view)
 
     def _is_registration_due(self) -> bool:
         """Where the robot is lost, only what was found in the whole map is worth registering."""
@@ -191,7 +266,7 @@ class Tracker:
         )
         return is_wanted and self._short_term.way - self._searched_way >= _SEARCH_WAY
 
-    def _register(self, estimate: PoseFilter, view: _View) -> Registration:
+    def _register(self, estimate: PoseFilter | ScanFilter, view: _View) -> Registration:
         params, prior = self._params.registration, estimate.covariance
         if params.method == "paper":
             found = register_by_paper(view.points, view.pivot, view.surface, prior)
@@ -205,6 +280,7 @@ class Tracker:
 
     def _track(self, view: _View) -> Registration:
         found = self._register(self.estimate, view)
+        self._is_settled |= found.is_accepted
         self.health.update(found, self.estimate.deviation[0])
         return found
 
@@ -231,6 +307,23 @@ class Tracker:
         self._confirmed += 1
         if self._confirmed >= self._params.localization.confirmations:
             self.set_pose(candidate.T_map_odom, candidate.covariance)
+            self._is_settled = True
             self.health.begin(is_confirmed=True)
             self._is_search_wanted = False
         return found
+
+
+def _scan_points(
+    returns: Array, T_map_odom: se3.Matrix, T_odom_base: se3.Matrix, landmarks: Landmarks
+) -> tuple[RegistrationPoints, tuple[float, float]]:
+    """Returns as the registration takes its points, and where the robot is."""
+    x, y = (T_map_odom @ T_odom_base)[:2, 3]
+    xyz = se3.transform_points(T_map_odom, returns)
+    lowest = landmarks.lowest
+    columns, rows = np.floor((xyz[:, :2] - landmarks.origin) / landmarks.resolution).astype(int).T
+    rows, columns = (
+        np.clip(i, 0, n - 1) for i, n in zip((rows, columns), lowest.shape, strict=True)
+    )
+    is_edge = xyz[:, 2] > lowest[rows, columns] + ELEVATED
+    points = RegistrationPoints(xyz - (x, y, 0.0), is_edge, np.ones(len(xyz)))
+    return points, (float(x), float(y))
