@@ -29,6 +29,7 @@ _FORGETTING = 1e-4  # share of a constant's prior variance that a metre adds to 
 _Z_VARIANCE = 0.05**2  # [m^2] of a pose from elsewhere
 _SLIP_LENGTH = 20.0  # [m] over which the variance of the slip is learned
 _LEAST_SLIP = 0.01
+_SAME_PLACE, _SAME_YAW = 0.12, 0.05  # [m], [rad] between a registration and what scans found
 _MOST_RESIDUAL = 0.05  # [m] mean distance from the map, of at most 0.1 m a return
 _LEAST_INFORMATION = 1.0 / 0.3**2  # [1/m^2] that some direction must have
 
@@ -88,6 +89,7 @@ class ScanFilter:
         self._covariance[4:, 4:] = errors.covariance
         self._mean = errors.mean.copy()
         self._slip_variance = errors.slip_variance
+        self._is_settling = False
 
     @property
     def covariance(self) -> Array:
@@ -175,6 +177,19 @@ class ScanFilter:
             ratio=0.0,
             points=len(returns),
         )
+
+    def settle(self, returns: Array, T_odom_base: se3.Matrix, landmarks: Landmarks) -> None:
+        """As `update`, but the pose stays as uncertain as it is: this may be another place."""
+        covariance, mean = self._covariance, self._mean.copy()
+        found = self.update(returns, T_odom_base, landmarks)
+        self._covariance, self._mean = covariance, mean
+        self._is_settling |= found.is_accepted
+
+    def has_settled_near(self, registration: Registration) -> bool:
+        """Whether scans led to the same place as the first registration of a short-term map."""
+        was_settling, self._is_settling = self._is_settling, False
+        x, y, yaw = registration.offset
+        return was_settling and np.hypot(x, y) < _SAME_PLACE and abs(yaw) < _SAME_YAW
 
     def _judged(self, found: Update, count: int) -> Reason:
         params = self._params

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import NamedTuple
 
@@ -169,8 +169,9 @@ class Tracker:
         """The robot is at a pose (4, 4) by odometry now."""
         if self._T_odom_base is not None:
             way = way_between(self._T_odom_base, T_odom_base)
-            for estimate in filter(None, (self.estimate, self._candidate)):
-                estimate.predict(self._T_odom_base, T_odom_base, way)
+            self.estimate.predict(self._T_odom_base, T_odom_base, way)
+            if self._candidate is not None:
+                self._candidate.predict(self._T_odom_base, T_odom_base, way)
         self._T_odom_base = T_odom_base
 
     def take(self, beams: Beams, T_odom_base: se3.Matrix, stamp_ns: int) -> Attempt | None:
@@ -179,7 +180,9 @@ class Tracker:
         way = self._short_term.way
         self._window.add(beams, stamp_ns)
         if self._is_tracking_scans():
-            return self._track_scans(stamp_ns)
+            if self._is_settled:
+                return self._track_scans(stamp_ns)
+            self._settle_by_scans(stamp_ns)
         if self.surface is None or not (self._is_registration_due() or self._is_search_due()):
             return None
         short_term_map = self._short_term.mature()
@@ -211,14 +214,23 @@ class Tracker:
         )
 
     def _is_tracking_scans(self) -> bool:
-        """Whether scans are held to the map: a short-term map was registered to it before."""
+        """Whether scans are held to the map."""
         return (
             self.landmarks is not None
-            and self._is_settled
             and self.health.state is not State.LOST
             and self._candidate is None
             and not self._is_search_due()
         )
+
+    def _settle_by_scans(self, stamp_ns: int) -> None:
+        """Before a short-term map says that this is the place: follow scans, but be no surer."""
+        way, T_odom_base = self._short_term.way, self._T_odom_base
+        if T_odom_base is None or not self._window.is_due(way, stamp_ns):
+            return
+        assert isinstance(self.estimate, ScanFilter)
+        assert self.landmarks is not None
+        returns = self._window.take(way, stamp_ns)
+        self.estimate.settle(returns, T_odom_base, self.landmarks)
 
     def _track_scans(self, stamp_ns: int) -> Attempt | None:
         """Update by scans; an attempt once in an interval."""
@@ -273,6 +285,9 @@ class Tracker:
         else:
             found = register(view.points, view.pivot, view.surface, prior, params)
         if found.is_accepted:
+            if isinstance(estimate, ScanFilter) and estimate.has_settled_near(found):
+                # Scans have found the place already, and better.
+                found = replace(found, offset=np.zeros(3), z=0.0)
             estimate.correct(found, view.T_odom_base)
         elif found.reason is Reason.FAR_FROM_PRIOR:
             estimate.doubt()
