@@ -71,7 +71,7 @@ def _checked(path: Path, geometry: Geometry, dense: dict[str, NDArray[Any]]) -> 
     for name, values in dense.items():
         if not np.isfinite(values).all():
             raise InputError(f"{path}: {name} holds values that are not finite")
-        if name.endswith(("_count", "_scatter")) and values.min() < 0.0:
+        if name.endswith(("_count", "_scatter", "_xx", "_yy")) and values.min() < 0.0:
             raise InputError(f"{path}: {name} holds negative values")
         if name.endswith(("_x", "_y")) and np.abs(values).max() > limit:
             raise InputError(f"{path}: {name} holds places outside of their cells")

@@ -21,6 +21,7 @@ ELEVATED = 0.12
 """Above the lowest ground within two cells a return is of something that stands there [m]."""
 
 _LEAST_RETURNS = 2  # of ground or wall in a cell; one alone may be a phantom
+_MOST_THICKNESS = 0.025  # [m] standard deviation across a wall; the top of a box has 0.036
 _MOST_ROUGHNESS = 0.06  # [m] rms about a plane, above which it is no ground to hold on to
 _AROUND = 5  # [cells] side of a cell's surroundings
 _UNKNOWN = np.float32(1e6)  # [m] lowest ground where there is none
@@ -72,7 +73,11 @@ def landmarks_of(height_map: HeightMap, layers: LayerMap) -> Landmarks:
     tops = height_map.height * np.float32(HEIGHT_RESOLUTION)
     count, places = _elevated_places(layers, is_above)
     is_wall = (count >= _LEAST_RETURNS) & height_map.known & (tops > lowest + ELEVATED)
-    cells, lines = fit_lines(places, is_wall, geometry.resolution)
+    is_face = is_wall & (_thickness(layers) <= _MOST_THICKNESS**2)
+    cells, lines = fit_lines(places, is_face, geometry.resolution)
+    tops_of_boxes = np.argwhere(is_wall & ~is_face)
+    cells = np.concatenate([cells, tops_of_boxes])
+    lines = np.concatenate([lines, np.full((len(tops_of_boxes), 5), np.nan)])
     index = tuple(cells.T)
     at, (normal_x, normal_y, offset, variance, scatter) = places[index], lines.T
     on_line = at + offset[:, None] * lines[:, :2]
@@ -108,6 +113,14 @@ def _elevated_places(
         (layers.elevated_count * layers.elevated_y + lower * layers.ground_y) / total,
     ], axis=-1)  # fmt: skip
     return count, centres + offsets
+
+
+def _thickness(layers: LayerMap) -> Array:
+    """(rows, columns) [m^2]: variance of the places in a cell along their shortest axis."""
+    count = np.where(layers.elevated_count > 0, layers.elevated_count, layers.ground_count)
+    total = np.maximum(count, 1.0)
+    xx, xy, yy = (s / total for s in (layers.spread_xx, layers.spread_xy, layers.spread_yy))
+    return np.asarray(0.5 * (xx + yy - np.hypot(xx - yy, 2.0 * xy)), np.float64)
 
 
 def _indexed(shape: tuple[int, int], cells: NDArray[np.int64]) -> NDArray[np.int32]:

@@ -20,12 +20,14 @@ from numpy.typing import NDArray
 
 from heightmap25d_ros.grid.height_grid import TILE, HeightGrid, TiledArray
 from heightmap25d_ros.grid.height_map import Area, Geometry
-from heightmap25d_ros.kernels import kernel
+from heightmap25d_ros.kernels import inlined_kernel, kernel
 from heightmap25d_ros.mapping.sensor_model import Beams
 
 _SLAB = 0.10  # [m] above and below their mean within which returns are the lowest ones
-_NAMES = ("ground_count", "ground_height", "ground_scatter", "ground_x", "ground_y",
-          "elevated_count", "elevated_x", "elevated_y")  # fmt: skip
+_NAMES = (
+    "ground_count", "ground_height", "ground_scatter", "ground_x", "ground_y",
+    "elevated_count", "elevated_x", "elevated_y", "spread_xx", "spread_xy", "spread_yy",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -47,6 +49,10 @@ class LayerMap:
         How many returns were higher than these.
     elevated_x, elevated_y : (rows, columns) float32 [m]
         Their mean place, seen from the centre of the cell.
+    spread_xx, spread_xy, spread_yy : (rows, columns) float32 [m^2]
+        Sums of the squared differences of places from their mean: of the elevated returns, or of
+        the lowest ones where there are no others. On the face of a wall they are small across it,
+        on the top of a box they are not.
     """
 
     geometry: Geometry
@@ -58,6 +64,9 @@ class LayerMap:
     elevated_count: NDArray[np.float32]
     elevated_x: NDArray[np.float32]
     elevated_y: NDArray[np.float32]
+    spread_xx: NDArray[np.float32]
+    spread_xy: NDArray[np.float32]
+    spread_yy: NDArray[np.float32]
 
 
 class LocalizationLayers:
@@ -110,10 +119,11 @@ def _whole_tiles(area: Area) -> Area:
 @kernel
 def _integrate(  # noqa: PLR0913
     ends, is_used, corner, resolution, ground_count, ground_height, ground_scatter,
-    ground_x, ground_y, elevated_count, elevated_x, elevated_y,
+    ground_x, ground_y, elevated_count, elevated_x, elevated_y, spread_xx, spread_xy, spread_yy,
 ):  # fmt: skip
     """Average returns (N, 3) into the cells [tile y, tile x, y, x] that they are in."""
     rows, columns = ground_count.shape[0] * TILE, ground_count.shape[1] * TILE
+    spread = spread_xx, spread_xy, spread_yy
     for i in range(len(ends)):
         u, v = (ends[i, 0] - corner[0]) / resolution, (ends[i, 1] - corner[1]) / resolution
         if not is_used[i] or not (0.0 <= u < columns and 0.0 <= v < rows):
@@ -121,25 +131,39 @@ def _integrate(  # noqa: PLR0913
         ix, iy = int(u), int(v)
         cell = iy // TILE, ix // TILE, iy % TILE, ix % TILE
         x, y, z = (u - ix - 0.5) * resolution, (v - iy - 0.5) * resolution, ends[i, 2]
-        count = ground_count[cell]
         above = z - ground_height[cell]
-        if count > 0 and above > _SLAB:
-            total = elevated_count[cell] + 1.0
-            elevated_count[cell] = total
-            elevated_x[cell] += (x - elevated_x[cell]) / total
-            elevated_y[cell] += (y - elevated_y[cell]) / total
+        if ground_count[cell] > 0 and above > _SLAB:
+            if elevated_count[cell] == 0:
+                spread_xx[cell] = spread_xy[cell] = spread_yy[cell] = 0.0
+            _average(cell, x, y, 1.0, elevated_count, elevated_x, elevated_y, spread, True)
             continue
-        if count > 0 and above < -_SLAB:
-            total = elevated_count[cell] + count
-            elevated_x[cell] += (ground_x[cell] - elevated_x[cell]) * (count / total)
-            elevated_y[cell] += (ground_y[cell] - elevated_y[cell]) * (count / total)
-            elevated_count[cell] = total
-            count = ground_height[cell] = ground_scatter[cell] = 0.0
+        if ground_count[cell] > 0 and above < -_SLAB:
+            _average(
+                cell, ground_x[cell], ground_y[cell], ground_count[cell],
+                elevated_count, elevated_x, elevated_y, spread, True,
+            )  # fmt: skip
+            ground_count[cell] = ground_height[cell] = ground_scatter[cell] = 0.0
             ground_x[cell] = ground_y[cell] = 0.0
-        total = count + 1.0
-        ground_count[cell] = total
-        ground_x[cell] += (x - ground_x[cell]) / total
-        ground_y[cell] += (y - ground_y[cell]) / total
-        mean = ground_height[cell] + (z - ground_height[cell]) / total
+        is_alone = elevated_count[cell] == 0
+        _average(cell, x, y, 1.0, ground_count, ground_x, ground_y, spread, is_alone)
+        mean = ground_height[cell] + (z - ground_height[cell]) / ground_count[cell]
         ground_scatter[cell] += (z - ground_height[cell]) * (z - mean)
         ground_height[cell] = mean
+
+
+@inlined_kernel
+def _average(  # noqa: PLR0913
+    cell, x, y, weight, counts, mean_x, mean_y, spread, is_spread,
+):  # fmt: skip
+    """Take a place, which counts for as many as its weight, into the mean and the spread."""
+    before = counts[cell]
+    total = before + weight
+    dx, dy = x - mean_x[cell], y - mean_y[cell]
+    counts[cell] = total
+    mean_x[cell] += dx * (weight / total)
+    mean_y[cell] += dy * (weight / total)
+    if is_spread:
+        share = before * weight / total
+        spread[0][cell] += share * dx * dx
+        spread[1][cell] += share * dx * dy
+        spread[2][cell] += share * dy * dy

@@ -29,6 +29,7 @@ _FORGETTING = 1e-4  # share of a constant's prior variance that a metre adds to 
 _Z_VARIANCE = 0.05**2  # [m^2] of a pose from elsewhere
 _SLIP_LENGTH = 20.0  # [m] over which the variance of the slip is learned
 _LEAST_SLIP = 0.01
+_NEAR, _NEAR_YAW = 0.08, 0.03  # [m], [rad] deviation of a pose near which scans search
 _SAME_PLACE, _SAME_YAW = 0.12, 0.05  # [m], [rad] between a registration and what scans found
 _MOST_RESIDUAL = 0.05  # [m] mean distance from the map, of at most 0.1 m a return
 _LEAST_INFORMATION = 1.0 / 0.3**2  # [1/m^2] that some direction must have
@@ -181,9 +182,33 @@ class ScanFilter:
     def settle(self, returns: Array, T_odom_base: se3.Matrix, landmarks: Landmarks) -> None:
         """As `update`, but the pose stays as uncertain as it is: this may be another place."""
         covariance, mean = self._covariance, self._mean.copy()
-        found = self.update(returns, T_odom_base, landmarks)
+        found, _ = self._look_near(returns, T_odom_base, landmarks)
         self._covariance, self._mean = covariance, mean
         self._is_settling |= found.is_accepted
+
+    def prove(self, returns: Array, T_odom_base: se3.Matrix, landmarks: Landmarks) -> bool:
+        """As `update` at a pose that was proposed; whether it is right as far as scans tell.
+
+        What they tell is added to the covariance from before, however narrow the search.
+        """
+        before, mean = self._covariance, self._mean.copy()
+        found, information = self._look_near(returns, T_odom_base, landmarks)
+        precision = np.asarray(np.linalg.inv(before[_POSE, _POSE]))
+        self._covariance, self._mean = before, mean
+        self._correct(np.zeros(4), information, precision, T_odom_base)
+        return found.is_accepted
+
+    def _look_near(
+        self, returns: Array, T_odom_base: se3.Matrix, landmarks: Landmarks
+    ) -> tuple[Registration, Array]:
+        """Update with a narrow prior; and the information (4, 4) without that."""
+        narrow = np.zeros((8, 8))
+        narrow[_POSE, _POSE] = np.diag(np.square([_NEAR, _NEAR, _NEAR_YAW, _NEAR]))
+        narrow[4:, 4:] = self._covariance[4:, 4:]
+        self._covariance = narrow
+        found = self.update(returns, T_odom_base, landmarks)
+        after = np.linalg.inv(self._covariance[_POSE, _POSE])
+        return found, np.asarray(after - np.linalg.inv(narrow[_POSE, _POSE]))
 
     def has_settled_near(self, registration: Registration) -> bool:
         """Whether scans led to the same place as the first registration of a short-term map."""

@@ -26,11 +26,13 @@ from heightmap25d_ros.localization.landmarks import ELEVATED, Landmarks
 from heightmap25d_ros.params.sections import ScanFilterParams
 
 _ITERATIONS = 6
+_WIDE_ITERATIONS = 2  # in which the robust weights allow for what the prior may be off
 _CONVERGED = 2e-4  # [m]
 _REACH = 1.6  # [cells] from a return to the mean place of a wall
 _HEIGHT_REACH = 0.3  # [m] from a return to the ground
 _ABOVE_TOP = 0.12  # [m] that a return may be above the top of its wall
 _FIRST_TOLERANCE, _TOLERANCE = 4.0, 3.0  # [standard deviations] of the robust weights
+_UNSURE = 0.12  # [m] that the prior may be off across a wall for its returns to count
 _FIT = 0.1  # [m] within which a return agrees with the map
 _REGULAR = 1e-3  # added to the information, so that it has an inverse
 _NO_GROUND = 1e5  # [m] lowest ground that stands for none
@@ -83,18 +85,21 @@ def update_by_returns(
     params : ScanFilterParams
     """
     error, information = np.zeros(6), np.zeros((4, 4))
+    covariance = np.asarray(np.linalg.inv(precision), np.float64)
     settings = (
         params.wall_noise**2, params.ground_noise**2, 1.0 / params.tilt_noise**2,
         1.0 / params.returns_per_information, params.noise_weight, params.noise_caution,
     )  # fmt: skip
     known, agreeing, residual = _update(
-        returns, position, precision, landmarks.arrays(), settings, error, information
+        returns, position, covariance, precision, landmarks.arrays(), settings, error, information
     )
     return Update(error, information, known, agreeing, residual)
 
 
 @kernel
-def _update(returns, position, precision, cells, settings, error, information):
+def _update(
+    returns, position, covariance, precision, cells, settings, error, information,
+):  # fmt: skip
     """Fill in error (6,) and information (4, 4); returns the counts of `Update`."""
     wall_variance, ground_variance, tilt_precision, share, weight, caution = settings
     codes = np.empty(len(returns), np.int64)
@@ -107,11 +112,12 @@ def _update(returns, position, precision, cells, settings, error, information):
             codes[i] = _associated(position[0] + at[i, 0], position[1] + at[i, 1], at[i, 2], cells)
         normal[:], fake[:], gradient[:] = 0.0, 0.0, 0.0
         tolerance = _TOLERANCE if iteration else _FIRST_TOLERANCE
+        unsure = 1.0 if iteration < _WIDE_ITERATIONS else 0.0
         for i in range(len(returns)):
             if codes[i] >= 0:
                 _add_return(
                     codes[i], at[i], position, cells, wall_variance, ground_variance,
-                    share, tolerance**2, row, normal, fake, gradient,
+                    share, tolerance**2, unsure, covariance, row, normal, fake, gradient,
                 )  # fmt: skip
         step = _step(
             normal, fake, gradient, error, precision, tilt_precision, weight, caution, information
@@ -189,8 +195,8 @@ def _plane_residual(k, x, y, z, cells):
 
 @inlined_kernel
 def _add_return(  # noqa: PLR0913
-    code, at, position, cells, wall_variance, ground_variance, share, tolerance,
-    row, normal, fake, gradient,
+    code, at, position, cells, wall_variance, ground_variance, share, tolerance, unsure,
+    covariance, row, normal, fake, gradient,
 ):  # fmt: skip
     """Add a return's part to the normal equations and to the information that noise fakes."""
     walls, planes = cells[3], cells[4]
@@ -210,7 +216,11 @@ def _add_return(  # noqa: PLR0913
         row[2] = -row[0] * y + row[1] * x
         row[3], row[4], row[5] = -1.0, -y, x
         noise = planes[k, 4]
-    weight = share / variance / (1.0 + residual**2 / (variance * tolerance)) ** 2
+    prior = _square(row, covariance)
+    if code % 2 == 0 and prior > _UNSURE**2:
+        return
+    wide = variance * tolerance + unsure * prior
+    weight = share / variance / (1.0 + residual**2 / wide) ** 2
     for a in range(6):
         gradient[a] += weight * row[a] * residual
         for b in range(6):
@@ -222,6 +232,16 @@ def _add_return(  # noqa: PLR0913
     else:
         _add_square(1.0, 0.0, -y, noise, fake)
         _add_square(0.0, 1.0, x, noise, fake)
+
+
+@inlined_kernel
+def _square(row, covariance):
+    """Variance that the prior gives a residual."""
+    total = 0.0
+    for a in range(4):
+        for b in range(4):
+            total += row[a] * row[b] * covariance[a, b]
+    return total
 
 
 @inlined_kernel

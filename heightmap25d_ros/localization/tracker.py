@@ -33,7 +33,9 @@ from heightmap25d_ros.params.sections import Params
 
 _PLACE_COVARIANCE = np.diag([0.15**2, 0.15**2, 0.03**2])  # of what is found in the whole map
 _SEARCH_WAY = 1.0  # [m] from one search of the whole map to the next
-_COARSE = 0.25  # [m] of deviation from which on scans alone may be held to the wrong wall
+_COARSE = 0.12  # [m] of deviation from which on scans alone may be held to the wrong wall
+_SURER = 0.5  # deviation, over that before, to which scans must prove a pose that is proposed
+_DISPLACED_COVARIANCE = np.diag(np.square([0.3, 0.3, 0.1]))  # where scans contradict the map
 
 
 class Kind(Enum):
@@ -82,6 +84,9 @@ class _View(NamedTuple):
     points: RegistrationPoints
     pivot: tuple[float, float]
     T_odom_base: se3.Matrix
+
+
+_Found = tuple[Registration, _View]
 
 
 class Tracker:
@@ -249,21 +254,47 @@ class Tracker:
         points, pivot = _scan_points(returns, prior, T_odom_base, self.landmarks)
         view = _View(self.surface, points, pivot, T_odom_base)
         if found.reason in CONTRADICTIONS or self.estimate.deviation[0] > _COARSE:
-            found, view = self._registered_instead(found, view)
+            found, view = self._registered_instead(found, view, returns)
         self.health.update(found, self.estimate.deviation[0])
         return self._attempt(Kind.TRACKING, found, view, stamp_ns)
 
-    def _registered_instead(self, found: Registration, view: _View) -> tuple[Registration, _View]:
-        """Where scans do not tell the pose, or not surely, a short-term map may."""
+    def _registered_instead(self, found: Registration, view: _View, returns: Array) -> _Found:
+        """Where scans do not tell the pose, or not surely, a short-term map may.
+
+        It proposes, and scans decide: what it takes for the direction along a plain wall may be
+        noise. What they prove replaces the estimate, however far from it.
+        """
         short_term_map = self._short_term.mature()
         if short_term_map is None:
             return found, view
+        assert self.landmarks is not None
+        assert isinstance(self.estimate, ScanFilter)
+        contradicts = found.reason in CONTRADICTIONS
+        covariance = self.estimate.covariance
+        if contradicts:
+            covariance = covariance + _DISPLACED_COVARIANCE
+        T_odom_base = view.T_odom_base
         seen = short_term_map.local_cells(self._short_term.way)
-        T_map_odom = self.estimate.T_map_odom
-        points, pivot = to_registration_points(seen, T_map_odom, view.T_odom_base)
-        wide = _View(view.surface, points, pivot, view.T_odom_base)
-        registered = self._register(self.estimate, wide)
-        return (registered, wide) if registered.is_accepted else (found, view)
+        points, pivot = to_registration_points(seen, self.estimate.T_map_odom, T_odom_base)
+        registered = register(points, pivot, view.surface, covariance, self._params.registration)
+        if registered.reason not in (Reason.ACCEPTED, Reason.FAR_FROM_PRIOR):
+            return found, view
+        x, y, yaw = registered.offset
+        shift = correction_about(self.estimate.T_map_odom @ T_odom_base, (x, y, registered.z), yaw)
+        trial = ScanFilter(
+            self._params,
+            shift @ self.estimate.T_map_odom,
+            covariance + np.outer(registered.offset, registered.offset),
+            self.estimate.errors,
+        )
+        if not trial.prove(returns, T_odom_base, self.landmarks):
+            return found, view
+        if not contradicts and trial.deviation[0] > _SURER * self.estimate.deviation[0]:
+            return found, view
+        self.estimate = trial
+        return replace(registered, reason=Reason.ACCEPTED), view._replace(
+            points=points, pivot=pivot
+        )
 
     def _is_registration_due(self) -> bool:
         """Where the robot is lost, only what was found in the whole map is worth registering."""

@@ -438,7 +438,7 @@ class ScanFilterParams(Section):
         3.0, "distance over which slip persists", "m", low=0.1, high=100.0
     )
     distance_scale: float = parameter(
-        0.02, "standard deviation of a constant error of the distance, per distance",
+        0.01, "standard deviation of a constant error of the distance, per distance",
         low=0.0, high=1.0,
     )  # fmt: skip
     turn_scale: float = parameter(
