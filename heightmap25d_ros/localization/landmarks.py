@@ -67,14 +67,17 @@ def landmarks_of(height_map: HeightMap, layers: LayerMap) -> Landmarks:
     """Walls and ground of a map with layers of the same cells."""
     geometry = height_map.geometry
     is_seen = layers.ground_count >= _LEAST_RETURNS
-    height = np.where(is_seen, layers.ground_height, _UNKNOWN).astype(np.float32)
+    is_standing = _standing(layers, is_seen)
+    is_low = is_seen & ~is_standing
+    height = np.where(is_low, layers.ground_height, _UNKNOWN).astype(np.float32)
     lowest = ndimage.minimum_filter(height, _AROUND, mode="nearest")
-    is_above = is_seen & (height > lowest + ELEVATED)
+    is_above = is_standing | (is_low & (height > lowest + ELEVATED))
     tops = height_map.height * np.float32(HEIGHT_RESOLUTION)
     count, places = _elevated_places(layers, is_above)
-    is_wall = (count >= _LEAST_RETURNS) & height_map.known & (tops > lowest + ELEVATED)
+    is_high = is_standing | (tops > lowest + ELEVATED)
+    is_wall = (count >= _LEAST_RETURNS) & height_map.known & is_high
     is_face = is_wall & (_thickness(layers) <= _MOST_THICKNESS**2)
-    cells, lines = fit_lines(places, is_face, geometry.resolution)
+    cells, lines = fit_lines(places, np.where(is_face, count, 0.0), geometry.resolution)
     tops_of_boxes = np.argwhere(is_wall & ~is_face)
     cells = np.concatenate([cells, tops_of_boxes])
     lines = np.concatenate([lines, np.full((len(tops_of_boxes), 5), np.nan)])
@@ -94,6 +97,13 @@ def landmarks_of(height_map: HeightMap, layers: LayerMap) -> Landmarks:
         origin=geometry.origin,
         resolution=geometry.resolution,
     )
+
+
+def _standing(layers: LayerMap, is_seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(rows, columns): what level lasers alone see, without any ground around it."""
+    is_level = is_seen & (layers.level_count >= 0.5 * layers.ground_count)
+    has_ground = ndimage.maximum_filter(is_seen & ~is_level, _AROUND, mode="constant")
+    return np.asarray(is_level & ~has_ground)
 
 
 def _elevated_places(

@@ -24,8 +24,9 @@ from heightmap25d_ros.kernels import inlined_kernel, kernel
 from heightmap25d_ros.mapping.sensor_model import Beams
 
 _SLAB = 0.10  # [m] above and below their mean within which returns are the lowest ones
+_LEVEL = 0.15  # [m] below the laser within which a return is level with it
 _NAMES = (
-    "ground_count", "ground_height", "ground_scatter", "ground_x", "ground_y",
+    "ground_count", "level_count", "ground_height", "ground_scatter", "ground_x", "ground_y",
     "elevated_count", "elevated_x", "elevated_y", "spread_xx", "spread_xy", "spread_yy",
 )  # fmt: skip
 
@@ -39,6 +40,8 @@ class LayerMap:
     geometry : Geometry
     ground_count : (rows, columns) float32
         How many returns were the cell's lowest.
+    level_count : (rows, columns) float32
+        How many of these were not clearly below the laser, as ground is unless it rises.
     ground_height : (rows, columns) float32 [m], map
         Their mean height; 0 where there is none.
     ground_scatter : (rows, columns) float32 [m^2]
@@ -57,6 +60,7 @@ class LayerMap:
 
     geometry: Geometry
     ground_count: NDArray[np.float32]
+    level_count: NDArray[np.float32]
     ground_height: NDArray[np.float32]
     ground_scatter: NDArray[np.float32]
     ground_x: NDArray[np.float32]
@@ -87,7 +91,7 @@ class LocalizationLayers:
     def integrate(self, beams: Beams) -> None:
         """Take in the returns of beams in the map that are not lone ones."""
         _integrate(
-            beams.ends, beams.is_hit & ~beams.is_lone, self._geometry.origin,
+            beams.origins, beams.ends, beams.is_hit & ~beams.is_lone, self._geometry.origin,
             self._geometry.resolution, *(self._arrays[name].cells for name in _NAMES),
         )  # fmt: skip
 
@@ -118,8 +122,9 @@ def _whole_tiles(area: Area) -> Area:
 
 @kernel
 def _integrate(  # noqa: PLR0913
-    ends, is_used, corner, resolution, ground_count, ground_height, ground_scatter,
-    ground_x, ground_y, elevated_count, elevated_x, elevated_y, spread_xx, spread_xy, spread_yy,
+    origins, ends, is_used, corner, resolution,
+    ground_count, level_count, ground_height, ground_scatter, ground_x, ground_y,
+    elevated_count, elevated_x, elevated_y, spread_xx, spread_xy, spread_yy,
 ):  # fmt: skip
     """Average returns (N, 3) into the cells [tile y, tile x, y, x] that they are in."""
     rows, columns = ground_count.shape[0] * TILE, ground_count.shape[1] * TILE
@@ -142,8 +147,11 @@ def _integrate(  # noqa: PLR0913
                 cell, ground_x[cell], ground_y[cell], ground_count[cell],
                 elevated_count, elevated_x, elevated_y, spread, True,
             )  # fmt: skip
-            ground_count[cell] = ground_height[cell] = ground_scatter[cell] = 0.0
+            ground_count[cell] = level_count[cell] = ground_height[cell] = ground_scatter[cell] = (
+                0.0
+            )
             ground_x[cell] = ground_y[cell] = 0.0
+        level_count[cell] += z > origins[i, 2] - _LEVEL
         is_alone = elevated_count[cell] == 0
         _average(cell, x, y, 1.0, ground_count, ground_x, ground_y, spread, is_alone)
         mean = ground_height[cell] + (z - ground_height[cell]) / ground_count[cell]

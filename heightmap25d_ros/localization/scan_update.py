@@ -50,7 +50,7 @@ class Update(NamedTuple):
     information : (4, 4) float64
         Of x, y, yaw, z; the prior's is not in it.
     over_known : int
-        Returns over cells of which the map knows the ground.
+        Returns of which the map can tell whether they agree.
     agreeing : int
         Of these, the ones within 0.1 m of wall or ground.
     residual : float [m]
@@ -150,7 +150,8 @@ def _associated(x, y, z, cells):
     ix, iy = int(u), int(v)
     ground = lowest[iy, ix]
     if ground > _NO_GROUND:
-        return _NOTHING
+        # A map of level lasers: what it has not seen may be there all the same.
+        return max(_wall_near(x, y, z, ix, iy, cells), _NOTHING)
     if z > ground + ELEVATED:
         return _wall_near(x, y, z, ix, iy, cells)
     k = cells[2][iy, ix]

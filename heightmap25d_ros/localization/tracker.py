@@ -13,7 +13,7 @@ import numpy as np
 from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.localization.global_search import relocalize
-from heightmap25d_ros.localization.landmarks import ELEVATED, Landmarks
+from heightmap25d_ros.localization.landmarks import Landmarks
 from heightmap25d_ros.localization.matching import RegistrationPoints
 from heightmap25d_ros.localization.paper_registration import register_by_paper
 from heightmap25d_ros.localization.pose_filter import PoseFilter, correction_about
@@ -24,6 +24,7 @@ from heightmap25d_ros.localization.registration import (
     to_registration_points,
 )
 from heightmap25d_ros.localization.scan_filter import ScanFilter, unknown_errors
+from heightmap25d_ros.localization.scan_proposal import COARSE, Proposal, returns_to_points
 from heightmap25d_ros.localization.scan_window import ScanWindow
 from heightmap25d_ros.localization.short_term import ShortTermMap, ShortTermMaps, way_between
 from heightmap25d_ros.localization.surface import Surface
@@ -33,9 +34,6 @@ from heightmap25d_ros.params.sections import Params
 
 _PLACE_COVARIANCE = np.diag([0.15**2, 0.15**2, 0.03**2])  # of what is found in the whole map
 _SEARCH_WAY = 1.0  # [m] from one search of the whole map to the next
-_COARSE = 0.12  # [m] of deviation from which on scans alone may be held to the wrong wall
-_SURER = 0.5  # deviation, over that before, to which scans must prove a pose that is proposed
-_DISPLACED_COVARIANCE = np.diag(np.square([0.3, 0.3, 0.1]))  # where scans contradict the map
 
 
 class Kind(Enum):
@@ -84,9 +82,6 @@ class _View(NamedTuple):
     points: RegistrationPoints
     pivot: tuple[float, float]
     T_odom_base: se3.Matrix
-
-
-_Found = tuple[Registration, _View]
 
 
 class Tracker:
@@ -185,9 +180,9 @@ class Tracker:
         way = self._short_term.way
         self._window.add(beams, stamp_ns)
         if self._is_tracking_scans():
+            attempt = self._track_scans(stamp_ns)
             if self._is_settled:
-                return self._track_scans(stamp_ns)
-            self._settle_by_scans(stamp_ns)
+                return attempt
         if self.surface is None or not (self._is_registration_due() or self._is_search_due()):
             return None
         short_term_map = self._short_term.mature()
@@ -227,74 +222,38 @@ class Tracker:
             and not self._is_search_due()
         )
 
-    def _settle_by_scans(self, stamp_ns: int) -> None:
-        """Before a short-term map says that this is the place: follow scans, but be no surer."""
-        way, T_odom_base = self._short_term.way, self._T_odom_base
-        if T_odom_base is None or not self._window.is_due(way, stamp_ns):
-            return
-        assert isinstance(self.estimate, ScanFilter)
-        assert self.landmarks is not None
-        returns = self._window.take(way, stamp_ns)
-        self.estimate.settle(returns, T_odom_base, self.landmarks)
-
     def _track_scans(self, stamp_ns: int) -> Attempt | None:
         """Update by scans; an attempt once in an interval."""
         way, T_odom_base = self._short_term.way, self._T_odom_base
+        estimate, surface = self.estimate, self.surface
         if T_odom_base is None or not self._window.is_due(way, stamp_ns):
             return None
-        assert isinstance(self.estimate, ScanFilter)
+        assert isinstance(estimate, ScanFilter)
         assert self.landmarks is not None
-        assert self.surface is not None
-        prior = self.estimate.T_map_odom
+        assert surface is not None
+        prior = estimate.T_map_odom
         returns = self._window.take(way, stamp_ns)
-        found = self.estimate.update(returns, T_odom_base, self.landmarks)
+        if not self._is_settled:
+            estimate.settle(returns, T_odom_base, self.landmarks)
+            return None
+        found = estimate.update(returns, T_odom_base, self.landmarks)
         if way - self._tried_way < self._params.localization.interval:
             return None
         self._tried_way = way
-        points, pivot = _scan_points(returns, prior, T_odom_base, self.landmarks)
-        view = _View(self.surface, points, pivot, T_odom_base)
-        if found.reason in CONTRADICTIONS or self.estimate.deviation[0] > _COARSE:
-            found, view = self._registered_instead(found, view, returns)
+        points, pivot = returns_to_points(returns, prior, T_odom_base, self.landmarks)
+        view = _View(surface, points, pivot, T_odom_base)
+        if found.reason in CONTRADICTIONS or estimate.deviation[0] > COARSE:
+            short_term_map = self._short_term.mature()
+            if short_term_map is not None:
+                seen = short_term_map.local_cells(way)
+                proposed = Proposal(estimate, found, T_odom_base, seen).proven(
+                    returns, surface, self.landmarks, self._params
+                )
+                if proposed is not None:
+                    self.estimate, found, points, pivot = proposed
+                    view = _View(surface, points, pivot, T_odom_base)
         self.health.update(found, self.estimate.deviation[0])
         return self._attempt(Kind.TRACKING, found, view, stamp_ns)
-
-    def _registered_instead(self, found: Registration, view: _View, returns: Array) -> _Found:
-        """Where scans do not tell the pose, or not surely, a short-term map may.
-
-        It proposes, and scans decide: what it takes for the direction along a plain wall may be
-        noise. What they prove replaces the estimate, however far from it.
-        """
-        short_term_map = self._short_term.mature()
-        if short_term_map is None:
-            return found, view
-        assert self.landmarks is not None
-        assert isinstance(self.estimate, ScanFilter)
-        contradicts = found.reason in CONTRADICTIONS
-        covariance = self.estimate.covariance
-        if contradicts:
-            covariance = covariance + _DISPLACED_COVARIANCE
-        T_odom_base = view.T_odom_base
-        seen = short_term_map.local_cells(self._short_term.way)
-        points, pivot = to_registration_points(seen, self.estimate.T_map_odom, T_odom_base)
-        registered = register(points, pivot, view.surface, covariance, self._params.registration)
-        if registered.reason not in (Reason.ACCEPTED, Reason.FAR_FROM_PRIOR):
-            return found, view
-        x, y, yaw = registered.offset
-        shift = correction_about(self.estimate.T_map_odom @ T_odom_base, (x, y, registered.z), yaw)
-        trial = ScanFilter(
-            self._params,
-            shift @ self.estimate.T_map_odom,
-            covariance + np.outer(registered.offset, registered.offset),
-            self.estimate.errors,
-        )
-        if not trial.prove(returns, T_odom_base, self.landmarks):
-            return found, view
-        if not contradicts and trial.deviation[0] > _SURER * self.estimate.deviation[0]:
-            return found, view
-        self.estimate = trial
-        return replace(registered, reason=Reason.ACCEPTED), view._replace(
-            points=points, pivot=pivot
-        )
 
     def _is_registration_due(self) -> bool:
         """Where the robot is lost, only what was found in the whole map is worth registering."""
@@ -357,19 +316,3 @@ class Tracker:
             self.health.begin(is_confirmed=True)
             self._is_search_wanted = False
         return found
-
-
-def _scan_points(
-    returns: Array, T_map_odom: se3.Matrix, T_odom_base: se3.Matrix, landmarks: Landmarks
-) -> tuple[RegistrationPoints, tuple[float, float]]:
-    """Returns as the registration takes its points, and where the robot is."""
-    x, y = (T_map_odom @ T_odom_base)[:2, 3]
-    xyz = se3.transform_points(T_map_odom, returns)
-    lowest = landmarks.lowest
-    columns, rows = np.floor((xyz[:, :2] - landmarks.origin) / landmarks.resolution).astype(int).T
-    rows, columns = (
-        np.clip(i, 0, n - 1) for i, n in zip((rows, columns), lowest.shape, strict=True)
-    )
-    is_edge = xyz[:, 2] > lowest[rows, columns] + ELEVATED
-    points = RegistrationPoints(xyz - (x, y, 0.0), is_edge, np.ones(len(xyz)))
-    return points, (float(x), float(y))

@@ -57,7 +57,7 @@ class Line(NamedTuple):
 
 
 def fit_lines(
-    places: Array, is_measured: NDArray[np.bool_], resolution: float
+    places: Array, counts: NDArray[np.float64], resolution: float
 ) -> tuple[NDArray[np.int64], Array]:
     """Lines through all measured cells that are on one.
 
@@ -65,7 +65,9 @@ def fit_lines(
     ----------
     places : (rows, columns, 2) float64 [m]
         x and y of the mean places, in any frame along the axes of the cells.
-    is_measured : (rows, columns) bool
+    counts : (rows, columns) float64
+        How many returns each is the mean of, which is what it weighs; 0: none. Of a wall close to
+        the border of two cells the one has most returns, and the other few that lie far off.
     resolution : float [m]
 
     Returns
@@ -75,23 +77,23 @@ def fit_lines(
     lines : (K, 5) float64
         As the first five of `Line`; all NaN for a cell that is on no line.
     """
-    cells = np.argwhere(is_measured)
+    cells = np.argwhere(counts > 0)
     lines = np.full((len(cells), 5), np.nan)
     for radius, share in _WINDOWS:
-        _fit_long(cells, places, is_measured, resolution, radius, share, lines)
-    _fit_short(cells, places, is_measured, resolution, lines)
+        _fit_long(cells, places, counts, resolution, radius, share, lines)
+    _fit_short(cells, places, counts, resolution, lines)
     return cells, lines
 
 
 @kernel
-def _fit_long(cells, places, is_measured, resolution, radius, share, lines):
+def _fit_long(cells, places, counts, resolution, radius, share, lines):
     """Lines of a window where there is none yet."""
-    near = np.empty((_MOST_PLACES, 2))
+    near = np.empty((_MOST_PLACES, 3))
     for k in range(len(cells)):
         if lines[k, 0] == lines[k, 0]:
             continue
         iy, ix = cells[k]
-        count = _gather(iy, ix, places, is_measured, resolution, radius, near)
+        count = _gather(iy, ix, places, counts, resolution, radius, near)
         line = _long_line(near, count, radius * resolution, share)
         if line.is_found:
             lines[k, 0], lines[k, 1], lines[k, 2] = line.normal_x, line.normal_y, line.offset
@@ -99,35 +101,35 @@ def _fit_long(cells, places, is_measured, resolution, radius, share, lines):
 
 
 @kernel
-def _fit_short(cells, places, is_measured, resolution, lines):
+def _fit_short(cells, places, counts, resolution, lines):
     """Lines through the cells right around, where there is none yet."""
-    near = np.empty((_MOST_PLACES, 2))
+    near = np.empty((_MOST_PLACES, 3))
     for k in range(len(cells)):
         if lines[k, 0] == lines[k, 0]:
             continue
         iy, ix = cells[k]
-        count = _gather(iy, ix, places, is_measured, resolution, _LAST_RADIUS, near)
+        count = _gather(iy, ix, places, counts, resolution, _LAST_RADIUS, near)
         if count < 3:
             continue
-        cos, sin, _, along, across, _ = _principal(near, count, 1.0, 0.0, 0.0, np.inf)
+        cos, sin, _, along, across, _, free = _principal(near, count, 1.0, 0.0, 0.0, np.inf)
         if along <= 0.0 or across >= _LAST_ASPECT * along:
             continue
         scatter = max(across * count / max(count - 2, 1), _LAST_FLOOR)
         lines[k, 0], lines[k, 1], lines[k, 2] = -sin, cos, 0.0
-        lines[k, 3], lines[k, 4] = scatter / (count * along), scatter
+        lines[k, 3], lines[k, 4] = scatter / (free * along), scatter
 
 
 @inlined_kernel
-def _gather(iy, ix, places, is_measured, resolution, radius, near):
+def _gather(iy, ix, places, counts, resolution, radius, near):
     """Places within a radius [cells] of a cell's, seen from it; how many."""
     reach, count = int(np.ceil(radius)), 0
-    for y in range(max(iy - reach, 0), min(iy + reach + 1, is_measured.shape[0])):
-        for x in range(max(ix - reach, 0), min(ix + reach + 1, is_measured.shape[1])):
-            if is_measured[y, x] and count < _MOST_PLACES:
+    for y in range(max(iy - reach, 0), min(iy + reach + 1, counts.shape[0])):
+        for x in range(max(ix - reach, 0), min(ix + reach + 1, counts.shape[1])):
+            if counts[y, x] > 0 and count < _MOST_PLACES:
                 dx = places[y, x, 0] - places[iy, ix, 0]
                 dy = places[y, x, 1] - places[iy, ix, 1]
                 if dx * dx + dy * dy <= (radius * resolution) ** 2:
-                    near[count, 0], near[count, 1] = dx, dy
+                    near[count, 0], near[count, 1], near[count, 2] = dx, dy, counts[y, x]
                     count += 1
     return count
 
@@ -139,9 +141,11 @@ def _long_line(near, count, radius, share):
     cos, sin, inliers = _best_direction(near, count, radius)
     if inliers < _LEAST_INLIERS:
         return none
-    offset = along = across = 0.0
+    offset = along = across = free = 0.0
     for _ in range(_REFITS):
-        cos, sin, offset, along, across, inliers = _principal(near, count, cos, sin, offset, _BAND)
+        cos, sin, offset, along, across, inliers, free = _principal(
+            near, count, cos, sin, offset, _BAND
+        )
         if inliers < _LEAST_INLIERS:
             return none
     if (
@@ -151,7 +155,7 @@ def _long_line(near, count, radius, share):
         or along < (_LEAST_SPREAD * radius) ** 2
     ):
         return none
-    return Line(-sin, cos, offset, (across + _FLOOR) / (inliers * along), across, True)
+    return Line(-sin, cos, offset, (across + _FLOOR) / (free * along), across, True)
 
 
 @inlined_kernel
@@ -171,21 +175,29 @@ def _best_direction(near, count, radius):
 
 @inlined_kernel
 def _principal(near, count, cos, sin, offset, band):
-    """Direction, offset, variances along and across, number of the places in a line's band."""
+    """Direction, offset, variances along and across of the places in a line's band.
+
+    And how many there are: all, and such that weigh the same and are as good.
+    """
     inliers = 0
-    x = y = xx = xy = yy = 0.0
+    total = squares = x = y = xx = xy = yy = 0.0
     for j in range(count):
         if abs(cos * near[j, 1] - sin * near[j, 0] - offset) < band:
+            weight = near[j, 2]
             inliers += 1
-            x += near[j, 0]
-            y += near[j, 1]
-            xx += near[j, 0] ** 2
-            xy += near[j, 0] * near[j, 1]
-            yy += near[j, 1] ** 2
-    n = max(inliers, 1)
-    x, y = x / n, y / n
-    xx, xy, yy = xx / n - x * x, xy / n - x * y, yy / n - y * y
+            total += weight
+            squares += weight * weight
+            x += weight * near[j, 0]
+            y += weight * near[j, 1]
+            xx += weight * near[j, 0] ** 2
+            xy += weight * near[j, 0] * near[j, 1]
+            yy += weight * near[j, 1] ** 2
+    if inliers == 0:
+        return cos, sin, offset, 0.0, 0.0, 0, 1.0
+    x, y = x / total, y / total
+    xx, xy, yy = xx / total - x * x, xy / total - x * y, yy / total - y * y
     angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
     cos, sin = np.cos(angle), np.sin(angle)
     along = xx * cos * cos + 2.0 * xy * cos * sin + yy * sin * sin
-    return cos, sin, cos * y - sin * x, along, max(xx + yy - along, 0.0), inliers
+    across = max(xx + yy - along, 0.0)
+    return cos, sin, cos * y - sin * x, along, across, inliers, total * total / squares
