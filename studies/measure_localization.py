@@ -28,6 +28,7 @@ from heightmap25d_ros.evaluation import trajectory_error
 from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.io import decode
 from heightmap25d_ros.io.bag import Bag, Event
+from heightmap25d_ros.localization.layers import LayerMap
 from heightmap25d_ros.localization.tracker import Attempt, Kind
 from heightmap25d_ros.localization.tracking_state import State
 from heightmap25d_ros.params.by_name import with_values
@@ -41,7 +42,9 @@ WORLDS = ("room", "ramp", "rough", "street")
 SEEDS = (1, 2, 3, 4)
 SCANS = ("/scan", "/scan_down")
 PARAMS = with_values(Params(), {"intake.scan_topics": list(SCANS)})
+SHORT_TERM = with_values(PARAMS, {"scan_filter.enabled": False})
 PAPER = with_values(PARAMS, {"registration.method": "paper"})
+METHODS = {"default": PARAMS, "short-term maps": SHORT_TERM, "paper": PAPER}
 KIDNAPPED = 50  # of each world
 SEARCH_WAY = 6.0  # [m] that a kidnapped robot drives at most
 RIGHT = 0.25, 5.0  # [m, deg] within which it is found
@@ -70,12 +73,14 @@ def main() -> None:
     parser.add_argument("--bags", type=Path, metavar="DIR", help="where recordings are, or go to")
     parser.add_argument("--fr079", type=Path, metavar="BAG", help="the log of Freiburg 079")
     sections = ("laps", "corrected", "kidnapped", "fr079")
+    parser.add_argument("--seeds", nargs="+", type=int, default=SEEDS, help="of the laps")
     parser.add_argument("--only", nargs="+", choices=sections, default=sections)
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         bags = options.bags or Path(scratch)
         if "laps" in options.only:
-            print("\n".join(laps(bags)), flush=True)
+            for line in laps(bags, options.seeds):
+                print(line, flush=True)
         if "corrected" in options.only:
             print("\n".join(on_corrected_maps(bags)), flush=True)
         if "kidnapped" in options.only:
@@ -92,13 +97,17 @@ def events_of(bags: Path, world: str, seed: int, drive: int) -> list[Event]:
         return list(bag.events([*SCANS, "/odom", "/ground_truth", "/tf_static"]))
 
 
-def mapped(events: Sequence[Event], odom_topic: str, params: Params = PARAMS) -> HeightMap:
-    """A map with the poses of a topic."""
+LongTerm = tuple[HeightMap, LayerMap | None]
+
+
+def mapped(events: Sequence[Event], odom_topic: str, params: Params = PARAMS) -> LongTerm:
+    """A map with the poses of a topic, and its localization layers."""
     mapping = Mapping(params)
     for event in events:
         feed(mapping, event.topic, event.message, odom_topic)
     mapping.flush()
-    return mapping.maps()[0]
+    height_map = mapping.maps()[0]
+    return height_map, mapping.layers(height_map.geometry)
 
 
 def localized(events: Sequence[Event], localizer: Localizer) -> Run:
@@ -136,27 +145,27 @@ def normalised(run: Run, truth: tuple[np.ndarray, se3.Matrix]) -> np.ndarray:
     return np.array([error[k] @ np.linalg.solve(run.covariances[k], error[k]) for k in chosen])
 
 
-def laps(bags: Path) -> Iterator[str]:
+def laps(bags: Path, seeds: Sequence[int]) -> Iterator[str]:
     """Tables of the drives."""
     yield (
         "| drive | odometry alone: end | corrected: end | RMSE | largest | yaw RMSE | z RMSE | "
-        "accepted | NEES / 3 |"
+        "accepted | NEES / 3 | poses over 3 sigma and 0.15 m |"
     )
-    yield "|---|---|---|---|---|---|---|---|---|"
+    yield "|---|---|---|---|---|---|---|---|---|---|"
     squares: dict[str, list[np.ndarray]] = {}
     for world in WORLDS:
-        for seed in SEEDS:
+        for seed in seeds:
             events, truth, long_term = material(bags, world, seed)
-            for name, params in (("default", PARAMS), ("paper", PAPER)):
+            for name, params in METHODS.items():
                 if name == "paper" and world != "room":
                     continue
                 localizer = Localizer(params)
-                localizer.set_long_term(long_term)
+                localizer.set_long_term(*long_term)
                 run = localized(events, localizer)
                 nees = normalised(run, truth)
                 if name == "default":
                     squares.setdefault(world, []).append(nees)
-                label = f"`{world}` {seed}" + (", `method: paper`" if name == "paper" else "")
+                label = f"`{world}` {seed}" + (f", {name}" if name != "default" else "")
                 yield row(label, run, truth, nees)
     for world, drives in squares.items():
         mean, count = np.mean([nees.mean() for nees in drives]), len(drives)
@@ -182,8 +191,18 @@ def row(label: str, run: Run, truth: tuple[np.ndarray, se3.Matrix], nees: np.nda
         f"| {error.final_position_m:.3f} m, {error.final_yaw_deg:.2f} deg "
         f"| {error.planar_rmse_m:.3f} m | {error.planar_max_m:.3f} m "
         f"| {error.yaw_rmse_deg:.2f} deg | {error.z_rmse_m:.3f} m "
-        f"| {accepted} of {len(run.attempts)} | {nees.mean() / 3:.2f} |"
+        f"| {accepted} of {len(run.attempts)} | {nees.mean() / 3:.2f} "
+        f"| {overconfident(run, truth)} |"
     )
+
+
+def overconfident(run: Run, truth: tuple[np.ndarray, se3.Matrix]) -> int:
+    """How many poses are off by more than 0.15 m and by more than three of their deviations."""
+    stamps = np.clip(np.array(run.stamps), truth[0][0], truth[0][-1])
+    error = (np.array(run.told) - se3.interpolate(*truth, stamps))[:, :2, 3]
+    planar = np.array(run.covariances)[:, :2, :2]
+    squared = np.einsum("ni,nij,nj->n", error, np.linalg.inv(planar), error)
+    return int(((squared > 9.0) & (np.linalg.norm(error, axis=1) > 0.15)).sum())
 
 
 def on_corrected_maps(bags: Path) -> Iterator[str]:
@@ -194,7 +213,7 @@ def on_corrected_maps(bags: Path) -> Iterator[str]:
         events, truth, first = material(bags, "room", seed)
         other = events_of(bags, "room", seed, 2)
         localizer = Localizer(PARAMS)
-        localizer.set_long_term(first)
+        localizer.set_long_term(*first)
         run = localized(other, localizer)
         poses = iter(run.told)
         corrected = [
@@ -204,7 +223,7 @@ def on_corrected_maps(bags: Path) -> Iterator[str]:
             for event in other
         ]
         localizer = Localizer(PARAMS)
-        localizer.set_long_term(mapped(corrected, "/odom"))
+        localizer.set_long_term(*mapped(corrected, "/odom"))
         error = error_of(again := localized(events, localizer), again.told, truth)
         yield (
             f"| `room` {seed} | {error.final_position_m:.3f} m, {error.final_yaw_deg:.2f} deg "
@@ -257,12 +276,12 @@ def kidnapped(bags: Path) -> Iterator[str]:
 def kidnap(
     events: Sequence[Event],
     truth: tuple[np.ndarray, se3.Matrix],
-    long_term: HeightMap,
+    long_term: LongTerm,
     rng: np.random.Generator,
 ) -> tuple[str, float, float]:
     """Wake up at a random time of a drive, believing to be somewhere else."""
     localizer = Localizer(PARAMS)
-    localizer.set_long_term(long_term)
+    localizer.set_long_term(*long_term)
     localizer.begin_at(rng.uniform((-5, -5, -0.5, -np.pi), (5, 5, 0.5, np.pi)))
     localizer.request_search()
     last = events[-1].stamp_ns
@@ -310,7 +329,7 @@ def freiburg(path: Path) -> Iterator[str]:
     yield "\n| Freiburg 079, second half | poses | median | 95 % | largest | yaw: median | 95 % |"
     yield "|---|---|---|---|---|---|---|"
     localizer = Localizer(params)
-    localizer.set_long_term(long_term)
+    localizer.set_long_term(*long_term)
     localizer.begin_at(np.array([x, y, z, yaw]))
     run = localized(rest, localizer)
     at = np.array(run.stamps)

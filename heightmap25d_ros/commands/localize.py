@@ -29,7 +29,7 @@ from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.evaluation import trajectory_error
 from heightmap25d_ros.evaluation.trajectory_error import TrajectoryError
 from heightmap25d_ros.grid.height_map import HeightMap
-from heightmap25d_ros.io import decode, map_directory, trajectory
+from heightmap25d_ros.io import decode, layers_file, map_directory, trajectory
 from heightmap25d_ros.io.bag import ODOMETRY, Bag
 from heightmap25d_ros.localization.surface import surface_of
 from heightmap25d_ros.localization.tracker import Attempt
@@ -86,7 +86,7 @@ def _localize(options: argparse.Namespace) -> Figures:
         )
         compile_kernels(settings)  # not what is timed below
         localizer = Localizer(settings)
-        localizer.set_long_term(long_term)
+        localizer.set_long_term(long_term, layers_file.load(options.map, long_term))
         if options.initial is not None:
             localizer.begin_at(options.initial)
         attempts: list[Attempt] = []

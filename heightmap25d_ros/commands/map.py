@@ -66,7 +66,8 @@ def _map(options: argparse.Namespace) -> Figures:
     for problem in problems:
         print(f"heightmap25d: warning: {problem} (see docs/troubleshooting.md)", file=sys.stderr)
     frame = settings.mapping.map_frame
-    map_directory.save(options.output, height_map, obstacle_map, frame, trajectory)
+    layers = mapping.layers(height_map.geometry)
+    map_directory.save(options.output, height_map, obstacle_map, frame, trajectory, layers)
     p50, p95, p99 = np.percentile(scan_ms, [50, 95, 99])
     return {
         "bag": str(options.bag),

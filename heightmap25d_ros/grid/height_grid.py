@@ -230,7 +230,7 @@ class HeightGrid:
             If its resolution or its ground zero differs, its cells do not coincide with those of
             the grid, or it reaches beyond the extent.
         """
-        area = self._area_of(height_map.geometry)
+        area = self.area_of(height_map.geometry)
         ty, tx = area.iy // TILE, area.ix // TILE
         whole = Area(ty * TILE, tx * TILE, 0, 0)
         rows = -(-(area.iy + area.rows) // TILE) * TILE - whole.iy
@@ -253,7 +253,8 @@ class HeightGrid:
         self.tile_top[tiles] = top
         self.mark_changed(tiles)
 
-    def _area_of(self, geometry: Geometry) -> Area:
+    def area_of(self, geometry: Geometry) -> Area:
+        """The cells that a geometry has; ValueError where they are not the grid's."""
         if not np.isclose(geometry.resolution, self.geometry.resolution, rtol=1e-6):
             raise ValueError(
                 f"resolution is {geometry.resolution} m, the grid's {self.geometry.resolution} m"

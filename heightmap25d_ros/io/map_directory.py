@@ -29,9 +29,10 @@ from heightmap25d_ros.grid.height_map import (
     Geometry,
     HeightMap,
 )
-from heightmap25d_ros.io import atomic_directory
+from heightmap25d_ros.io import atomic_directory, layers_file
 from heightmap25d_ros.io._untrusted import as_input_error
 from heightmap25d_ros.io.trajectory import write_tum
+from heightmap25d_ros.localization.layers import LayerMap
 from heightmap25d_ros.params.sections import MappingParams
 from heightmap25d_ros.terrain.traversability import ObstacleMap, to_obstacle_map
 
@@ -101,6 +102,7 @@ def save(
     obstacle_map: ObstacleMap | None = None,
     frame_id: str = MAP_FRAME,
     trajectory: Sequence[tuple[int, se3.Matrix]] = (),
+    layers: LayerMap | None = None,
 ) -> None:
     """Write a map directory, in one step and in place of the one that is there.
 
@@ -115,6 +117,8 @@ def save(
     frame_id : str, optional
     trajectory : sequence of (int, (4, 4) float64), optional
         Stamps [ns] and poses, for ``trajectory.tum``.
+    layers : LayerMap, optional
+        Layers for localization, of the same cells, for ``localization_layers.npz``.
 
     Raises
     ------
@@ -160,6 +164,8 @@ def save(
         )
         if trajectory:
             write_tum(temporary / TRAJECTORY, trajectory)
+        if layers is not None:
+            layers_file.write(temporary / layers_file.LAYERS, layers, temporary / HEIGHT_GRID)
 
 
 def load(directory: Path | str, probability_threshold: float = PROBABILITY_THRESHOLD) -> LoadedMap:

@@ -8,7 +8,7 @@ short-term map is due, and searches the whole map when the robot is lost or a se
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import NamedTuple
 
@@ -17,6 +17,7 @@ import numpy as np
 from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.localization.global_search import relocalize
+from heightmap25d_ros.localization.landmarks import Landmarks
 from heightmap25d_ros.localization.matching import RegistrationPoints
 from heightmap25d_ros.localization.paper_registration import register_by_paper
 from heightmap25d_ros.localization.pose_filter import PoseFilter, correction_about
@@ -26,9 +27,12 @@ from heightmap25d_ros.localization.registration import (
     register,
     to_registration_points,
 )
+from heightmap25d_ros.localization.scan_filter import ScanFilter, unknown_errors
+from heightmap25d_ros.localization.scan_proposal import COARSE, Proposal, returns_to_points
+from heightmap25d_ros.localization.scan_window import ScanWindow
 from heightmap25d_ros.localization.short_term import ShortTermMap, ShortTermMaps, distance_travelled
 from heightmap25d_ros.localization.surface import Surface
-from heightmap25d_ros.localization.tracking_state import Health, State
+from heightmap25d_ros.localization.tracking_state import CONTRADICTIONS, Health, State
 from heightmap25d_ros.mapping.sensor_model import Beams
 from heightmap25d_ros.params.sections import Params
 
@@ -99,7 +103,9 @@ class Tracker:
     ----------
     surface : Surface or None
         The long-term map.
-    estimate : PoseFilter
+    landmarks : Landmarks or None
+        Of the same map; with them scans are tracked.
+    estimate : PoseFilter or ScanFilter
     health : Health
     jumps : int
         Number of times that the estimate was replaced, not corrected.
@@ -122,20 +128,39 @@ class Tracker:
         self.surface: Surface | None = None
         self.health = Health(params.localization)
         self.jumps = 0
+        self.estimate: PoseFilter | ScanFilter
         self._params = params
         self._short_term = ShortTermMaps(params)
         self._T_odom_base: se3.Matrix | None = None
         self._is_search_wanted = False
+        self.landmarks: Landmarks | None = None
+        self._window = ScanWindow(params.scan_filter)
+        self._odometry_errors = unknown_errors(params)
         self.set_pose(T_map_odom, covariance)
 
     def set_params(self, params: Params) -> None:
         """Apply new parameters; short-term maps that have been started keep theirs."""
         self._params = params
         self._short_term.params = params
+        self._window.params = params.scan_filter
+
+    def set_long_term(self, surface: Surface | None, landmarks: Landmarks | None) -> None:
+        """Another long-term map; the pose stays."""
+        uses_scans = (
+            self._params.scan_filter.enabled and self._params.registration.method != "paper"
+        )
+        self.surface, self.landmarks = surface, landmarks if uses_scans else None
+        self.estimate = self._estimate_at(self.estimate.T_map_odom, self.estimate.covariance)
+
+    def _estimate_at(self, T_map_odom: se3.Matrix, covariance: Array) -> PoseFilter | ScanFilter:
+        if self.landmarks is None:
+            return PoseFilter(self._params.localization, T_map_odom, covariance)
+        return ScanFilter(self._params, T_map_odom, covariance, self._odometry_errors)
 
     def set_pose(self, T_map_odom: se3.Matrix, covariance: Array) -> None:
         """Replace the estimate by another pose."""
-        self.estimate = PoseFilter(self._params.localization, T_map_odom, covariance)
+        self.estimate = self._estimate_at(T_map_odom, covariance)
+        self._is_settled = False
         self.health.begin()
         self.jumps += 1
         self._candidate: PoseFilter | None = None
@@ -145,6 +170,7 @@ class Tracker:
     def forget(self) -> None:
         """Drop the short-term maps: odometry has jumped, and they are not consistent any more."""
         self._short_term.clear()
+        self._window.clear()
         self._T_odom_base = None
         self._candidate = None
 
@@ -161,8 +187,9 @@ class Tracker:
         """Predict with the newest pose (4, 4) of the odometry."""
         if self._T_odom_base is not None:
             distance = distance_travelled(self._T_odom_base, T_odom_base)
-            for estimate in filter(None, (self.estimate, self._candidate)):
-                estimate.predict(self._T_odom_base, T_odom_base, distance)
+            self.estimate.predict(self._T_odom_base, T_odom_base, distance)
+            if self._candidate is not None:
+                self._candidate.predict(self._T_odom_base, T_odom_base, distance)
         self._T_odom_base = T_odom_base
 
     def integrate(self, beams: Beams, T_odom_base: se3.Matrix, stamp_ns: int) -> Attempt | None:
@@ -175,6 +202,11 @@ class Tracker:
         """
         self._short_term.integrate(beams, T_odom_base, stamp_ns)
         distance = self._short_term.distance
+        self._window.add(beams, stamp_ns)
+        if self._is_tracking_scans():
+            attempt = self._track_scans(stamp_ns)
+            if self._is_settled:
+                return attempt
         if self.surface is None or not (self._is_registration_due() or self._is_search_due()):
             return None
         short_term_map = self._short_term.mature()
@@ -191,16 +223,61 @@ class Tracker:
         else:
             kind, found = Kind.TRACKING, self._track(view)
         self._attempt_distance = distance
+        return self._attempt(kind, found, view, stamp_ns)
+
+    def _attempt(self, kind: Kind, found: Registration, view: _View, stamp_ns: int) -> Attempt:
         return Attempt(
             stamp_ns=stamp_ns,
             kind=kind,
             registration=found,
             state=self.health.state,
-            T_map_base=self.estimate.T_map_odom @ T_odom_base,
+            T_map_base=self.estimate.T_map_odom @ view.T_odom_base,
             deviation=self.estimate.deviation,
-            points=points,
-            pivot=pivot,
+            points=view.points,
+            pivot=view.pivot,
         )
+
+    def _is_tracking_scans(self) -> bool:
+        """Whether scans are held to the map."""
+        return (
+            self.landmarks is not None
+            and self.health.state is not State.LOST
+            and self._candidate is None
+            and not self._is_search_due()
+        )
+
+    def _track_scans(self, stamp_ns: int) -> Attempt | None:
+        """Update by scans; an attempt once in an interval."""
+        distance, T_odom_base = self._short_term.distance, self._T_odom_base
+        estimate, surface = self.estimate, self.surface
+        if T_odom_base is None or not self._window.is_due(distance, stamp_ns):
+            return None
+        assert isinstance(estimate, ScanFilter)
+        assert self.landmarks is not None
+        assert surface is not None
+        prior = estimate.T_map_odom
+        returns = self._window.take(distance, stamp_ns)
+        if not self._is_settled:
+            estimate.settle(returns, T_odom_base, self.landmarks)
+            return None
+        found = estimate.update(returns, T_odom_base, self.landmarks)
+        if distance - self._attempt_distance < self._params.localization.interval:
+            return None
+        self._attempt_distance = distance
+        points, pivot = returns_to_points(returns, prior, T_odom_base, self.landmarks)
+        view = _View(surface, points, pivot, T_odom_base)
+        if found.reason in CONTRADICTIONS or estimate.deviation[0] > COARSE:
+            short_term_map = self._short_term.mature()
+            if short_term_map is not None:
+                seen = short_term_map.local_cells(distance)
+                proposed = Proposal(estimate, found, T_odom_base, seen).proven(
+                    returns, surface, self.landmarks, self._params
+                )
+                if proposed is not None:
+                    self.estimate, found, points, pivot = proposed
+                    view = _View(surface, points, pivot, T_odom_base)
+        self.health.update(found, self.estimate.deviation[0])
+        return self._attempt(Kind.TRACKING, found, view, stamp_ns)
 
     def _is_registration_due(self) -> bool:
         """A lost robot registers only to confirm a pose found in the whole map."""
@@ -216,13 +293,16 @@ class Tracker:
         travelled = self._short_term.distance - self._search_distance
         return is_wanted and travelled >= _SEARCH_INTERVAL
 
-    def _register(self, estimate: PoseFilter, view: _View) -> Registration:
+    def _register(self, estimate: PoseFilter | ScanFilter, view: _View) -> Registration:
         params, prior = self._params.registration, estimate.covariance
         if params.method == "paper":
             found = register_by_paper(view.points, view.pivot, view.surface, prior)
         else:
             found = register(view.points, view.pivot, view.surface, prior, params)
         if found.is_accepted:
+            if isinstance(estimate, ScanFilter) and estimate.has_settled_near(found):
+                # Scans have found the place already, and better.
+                found = replace(found, offset=np.zeros(3), z=0.0)
             estimate.correct(found, view.T_odom_base)
         elif found.reason is Reason.FAR_FROM_PRIOR:
             estimate.inflate()
@@ -230,6 +310,7 @@ class Tracker:
 
     def _track(self, view: _View) -> Registration:
         found = self._register(self.estimate, view)
+        self._is_settled |= found.is_accepted
         self.health.update(found, self.estimate.deviation[0])
         return found
 
@@ -256,6 +337,7 @@ class Tracker:
         self._confirmed += 1
         if self._confirmed >= self._params.localization.confirmations:
             self.set_pose(candidate.T_map_odom, candidate.covariance)
+            self._is_settled = True
             self.health.begin(is_confirmed=True)
             self._is_search_wanted = False
         return found

@@ -9,7 +9,7 @@ from enum import IntEnum
 from heightmap25d_ros.localization.registration import Reason, Registration
 from heightmap25d_ros.params.sections import LocalizationParams
 
-_CONTRADICTIONS = (Reason.LITTLE_OVERLAP, Reason.HIGH_RESIDUAL, Reason.FAR_FROM_PRIOR)
+CONTRADICTIONS = (Reason.LITTLE_OVERLAP, Reason.HIGH_RESIDUAL, Reason.FAR_FROM_PRIOR)
 
 
 class State(IntEnum):
@@ -52,7 +52,7 @@ class Health:
             return
         if registration.is_accepted:
             self._accepted, self._contradicted = self._accepted + 1, 0
-        elif registration.reason in _CONTRADICTIONS:
+        elif registration.reason in CONTRADICTIONS:
             self._accepted, self._contradicted = 0, self._contradicted + 1
         params = self._params
         if self._contradicted >= params.lost_refusals:

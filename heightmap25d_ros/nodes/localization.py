@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
 from heightmap25d_msgs.msg import HeightGrid, LocalizationStatus
-from heightmap25d_ros.io import encode, map_directory
+from heightmap25d_ros.io import encode, layers_file, map_directory
 from heightmap25d_ros.localization.tracker import Attempt
 from heightmap25d_ros.localization.tracking_state import State
 from heightmap25d_ros.nodes import qos, runtime
@@ -90,9 +90,9 @@ class LocalizationNode(ManagedNode):
         directory = self.params.localization.map_directory
         if directory:
             threshold = self.params.mapper.probability_threshold
-            self._localizer.set_long_term(
-                map_directory.load_in(Path(directory), threshold, self._frame)
-            )
+            height_map = map_directory.load_in(Path(directory), threshold, self._frame)
+            layers = layers_file.load(Path(directory), height_map)
+            self._localizer.set_long_term(height_map, layers)
         compile_kernels(self.params)
 
     def start(self) -> None:

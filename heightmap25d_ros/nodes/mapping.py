@@ -22,7 +22,7 @@ from heightmap25d_msgs.msg import LocalizationStatus
 from heightmap25d_msgs.srv import LoadMap, SaveMap
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_map import HeightMap
-from heightmap25d_ros.io import encode, map_directory
+from heightmap25d_ros.io import encode, layers_file, map_directory
 from heightmap25d_ros.nodes import map_transform, qos, runtime
 from heightmap25d_ros.nodes.interface import Input, Output, Service
 from heightmap25d_ros.nodes.lifecycle import REPORT_PERIOD, ManagedNode
@@ -243,7 +243,9 @@ class MappingNode(ManagedNode):
     def _save(self, name: str) -> Path:
         path = self._path(name)
         self._count(self._mapping.settle())
-        map_directory.save(path, *self._mapping.maps(), self._frame)
+        height_map, obstacle_map = self._mapping.maps()
+        layers = self._mapping.layers(height_map.geometry)
+        map_directory.save(path, height_map, obstacle_map, self._frame, layers=layers)
         self._saved = self._version
         self.get_logger().info(f"map saved: {path}")
         return path
@@ -254,7 +256,7 @@ class MappingNode(ManagedNode):
             path, self.params.mapper.probability_threshold, self._frame
         )
         try:
-            self._mapping.clear(height_map)
+            self._mapping.clear(height_map, layers_file.load(path, height_map))
         except ValueError as error:
             raise InputError(f"{path}: {error}") from None
         self._version += 1

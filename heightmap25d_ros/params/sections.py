@@ -310,6 +310,9 @@ class MappingParams(Section):
         32e6, "a map whose bounding box has more cells is neither published nor saved",
         low=256, high=1e9,
     )  # fmt: skip
+    localization_layers: bool = parameter(
+        True, "whether the map keeps mean heights and places of returns, which localization uses"
+    )
     map_directory: str = parameter("maps", "directory of the maps of save_map and load_map")
     initial_map: str = parameter("", "name of the map that is loaded at the start; empty: none")
     autosave: str = parameter(
@@ -472,6 +475,70 @@ class LocalizationParams(Section):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ScanFilterParams(Section):
+    """The scan-level filter, where the long-term map has localization layers."""
+
+    enabled: bool = parameter(
+        True, "false: only short-term maps are registered, as without localization layers"
+    )
+    interval: float = parameter(
+        0.08, "distance from one update to the next", "m", low=0.01, high=1.0
+    )
+    min_returns: int = parameter(60, "returns without which it does not update", low=10)
+    max_returns: int = parameter(1200, "returns of an update at most", low=50)
+    wall_noise: float = parameter(
+        0.02, "standard deviation of a return from its wall", "m", low=0.001, high=1.0
+    )
+    ground_noise: float = parameter(
+        0.025, "standard deviation of a return from the ground", "m", low=0.001, high=1.0
+    )
+    tilt_noise: float = parameter(
+        0.0052, "standard deviation of roll and pitch of the odometry", "rad",
+        low=0.0001, high=0.5,
+    )  # fmt: skip
+    returns_per_information: float = parameter(
+        8.0, "returns that tell as much as one of which the errors are independent",
+        low=1.0, high=1000.0,
+    )  # fmt: skip
+    noise_weight: float = parameter(
+        2.0, "information that noise of the map explains is subtracted so many times",
+        low=0.0, high=10.0,
+    )  # fmt: skip
+    noise_caution: float = parameter(
+        3.0, "and what is left is divided by 1 plus so many times its share", low=0.0, high=100.0
+    )
+    slip: float = parameter(
+        0.055, "standard deviation of the wheels' slip, per distance, at the start",
+        low=0.0, high=1.0,
+    )  # fmt: skip
+    slip_length: float = parameter(
+        3.0, "distance over which slip persists", "m", low=0.1, high=100.0
+    )
+    distance_scale: float = parameter(
+        0.01, "standard deviation of a constant error of the distance, per distance",
+        low=0.0, high=1.0,
+    )  # fmt: skip
+    turn_scale: float = parameter(
+        0.03, "standard deviation of a constant error of turns, per turn", low=0.0, high=1.0
+    )
+    heading_bias: float = parameter(
+        0.02, "standard deviation of a constant turn of the heading, per distance", "rad/m",
+        low=0.0, high=1.0,
+    )  # fmt: skip
+    position_drift: float = parameter(
+        0.015, "standard deviation that a metre adds to x and y besides these", "m",
+        low=0.0, high=1.0,
+    )  # fmt: skip
+    yaw_drift: float = parameter(
+        0.006, "standard deviation that a metre adds to the yaw besides these", "rad",
+        low=0.0, high=1.0,
+    )  # fmt: skip
+    z_drift: float = parameter(
+        0.01, "standard deviation that a metre adds to z besides these", "m", low=0.0, high=1.0
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SimulatorParams(Section):
     """The simulator node."""
 
@@ -523,4 +590,5 @@ class Params:
     short_term: ShortTermParams = field(default_factory=ShortTermParams)
     registration: RegistrationParams = field(default_factory=RegistrationParams)
     localization: LocalizationParams = field(default_factory=LocalizationParams)
+    scan_filter: ScanFilterParams = field(default_factory=ScanFilterParams)
     simulator: SimulatorParams = field(default_factory=SimulatorParams)

@@ -16,7 +16,9 @@ from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.io import decode
 from heightmap25d_ros.io.decode import Odometry
-from heightmap25d_ros.localization import matching, registration
+from heightmap25d_ros.localization import matching, registration, scan_update
+from heightmap25d_ros.localization.landmarks import Landmarks, landmarks_of
+from heightmap25d_ros.localization.layers import LayerMap
 from heightmap25d_ros.localization.pose_filter import SmoothCorrection
 from heightmap25d_ros.localization.short_term import ShortTermMaps, distance_travelled
 from heightmap25d_ros.localization.surface import Surface, surface_of
@@ -43,6 +45,7 @@ def compile_kernels(params: Params) -> None:
         np.zeros((count, 3)), np.zeros(count, bool), np.ones(count)
     )
     registration.register(points, (2.0, 2.0), surface, 1e-4 * np.eye(3), params.registration)
+    scan_update.compile_kernels(params.scan_filter)
     scratch = ShortTermMaps(params)
     beam = np.array([[0.0, 0.0, 1.0]])
     is_hit, is_lone = np.ones(1, bool), np.zeros(1, bool)
@@ -99,6 +102,7 @@ class Localizer:
         self.dropped = Drops()
         self._queue = ScanQueue(params.intake, self.dropped, params.odometry, is_bridging=False)
         self._surface: Surface | None = None
+        self._landmarks: Landmarks | None = None
         self._initial_pose: tuple[Array, Array] | None = None
         self._start_over()
 
@@ -109,7 +113,7 @@ class Localizer:
         )
         self._initial_covariance = np.diag(np.square([position, position, yaw]))
         self._tracker = Tracker(self._params, np.eye(4), self._initial_covariance)
-        self._tracker.surface = self._surface
+        self._tracker.set_long_term(self._surface, self._landmarks)
         self._smooth = SmoothCorrection(self._params.localization, np.eye(4))
         self._jumps_seen = self._tracker.jumps
         self._odometry: Odometry | None = None
@@ -151,18 +155,31 @@ class Localizer:
             odom_frame=self._odometry.frame_id,
             T_map_odom=self._smooth.T_map_odom,
             T_map_base=self._smooth.T_map_odom @ self._odometry.T,
-            covariance=self._tracker.estimate.covariance,
+            covariance=self._told_covariance(),
         )
+
+    def _told_covariance(self) -> Array:
+        """Of the published pose: of the estimate, and how far the pose lags behind it."""
+        assert self._odometry is not None
+        T_odom_base, T_map_odom = self._odometry.T, self._tracker.estimate.T_map_odom
+        shift = ((T_map_odom - self._smooth.T_map_odom) @ T_odom_base)[:2, 3]
+        between = T_map_odom @ se3.inverse(self._smooth.T_map_odom)
+        lag = np.array([*shift, np.arctan2(between[1, 0], between[0, 0])])
+        return self._tracker.estimate.covariance + np.outer(lag, lag)
 
     def short_term_map(self) -> HeightMap | None:
         """The short-term map that is registered next, in cells of its own in odom."""
         short_term_map = self._tracker.short_term_map()
         return None if short_term_map is None else short_term_map.height_map()
 
-    def set_long_term(self, height_map: HeightMap) -> None:
-        """Take the long-term map in; it may come, and be replaced, at any time."""
+    def set_long_term(self, height_map: HeightMap, layers: LayerMap | None = None) -> None:
+        """Take the long-term map in; it may come, and be replaced, at any time.
+
+        With its localization layers single scans are tracked, without them short-term maps.
+        """
         self._surface = surface_of(height_map, self._params.registration.edge_step)
-        self._tracker.surface = self._surface
+        self._landmarks = None if layers is None else landmarks_of(height_map, layers)
+        self._tracker.set_long_term(self._surface, self._landmarks)
 
     def begin_at(self, xyz_yaw: ArrayLike) -> None:
         """Where the robot is at the first odometry: x, y, z [m], yaw [rad] in the map.

@@ -13,9 +13,10 @@ import numpy as np
 from heightmap25d_ros import se3
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_grid import TILE, HeightGrid, anchor_at
-from heightmap25d_ros.grid.height_map import Area, HeightMap
+from heightmap25d_ros.grid.height_map import Area, Geometry, HeightMap
 from heightmap25d_ros.io import decode
 from heightmap25d_ros.io.decode import Odometry
+from heightmap25d_ros.localization.layers import LayerMap, LocalizationLayers
 from heightmap25d_ros.mapping import sensor_model
 from heightmap25d_ros.mapping.mapper import Mapper
 from heightmap25d_ros.params.sections import Params
@@ -39,6 +40,11 @@ def compile_kernels(params: Params) -> None:
     Mapper(scratch, params.sensor, params.mapper).integrate(
         sensor_model.Beams(
             origins=beam, ends=beam + 1.0, is_hit=np.ones(1, bool), is_lone=np.zeros(1, bool)
+        )
+    )
+    LocalizationLayers(scratch).integrate(
+        sensor_model.Beams(
+            origins=beam, ends=beam, is_hit=np.ones(1, bool), is_lone=np.zeros(1, bool)
         )
     )
     obstacles = ObstacleGrid(scratch.geometry, params.traversability)
@@ -86,8 +92,8 @@ class Mapping:
         self._is_lost = False
         self.clear()
 
-    def clear(self, content: HeightMap | None = None) -> None:
-        """Start a new map, empty or with a loaded map in it.
+    def clear(self, content: HeightMap | None = None, layers: LayerMap | None = None) -> None:
+        """Start a new map, empty or with a loaded map and its localization layers in it.
 
         An empty one is anchored at the first pose that is mapped (`anchor_at`), a loaded one in
         its middle, with its ground zero.
@@ -107,9 +113,14 @@ class Mapping:
             grid.write(content)
         self._has_begun = False
         self._use_grid(grid)
+        if self._layers is not None and layers is not None:
+            self._layers.write(layers)
 
     def _use_grid(self, grid: HeightGrid) -> None:
         self.grid = grid
+        self._layers = (
+            LocalizationLayers(grid) if self._params.mapping.localization_layers else None
+        )
         self._use_params()
 
     def set_params(self, params: Params) -> None:
@@ -193,6 +204,12 @@ class Mapping:
         self._obstacles.update(self.grid, threshold)
         return self.grid.read(threshold, area), self._obstacles.read(area)
 
+    def layers(self, geometry: Geometry) -> LayerMap | None:
+        """The localization layers of cells of the grid; None without them."""
+        if self._layers is None:
+            return None
+        return self._layers.read(self.grid.area_of(geometry))
+
     def size(self) -> Size:
         """How large the map is now."""
         area = self.grid.observed_area()
@@ -250,15 +267,16 @@ class Mapping:
         for reading in readings:
             if not self._has_begun:
                 self._begin(reading.T_map_base[0])
-            result = self._mapper.integrate(
-                sensor_model.beams(
-                    reading.scan,
-                    reading.T_map_base,
-                    reading.T_base_sensor,
-                    self._params.sensor,
-                    self._params.mapper.lone_return,
-                )
+            beams = sensor_model.beams(
+                reading.scan,
+                reading.T_map_base,
+                reading.T_base_sensor,
+                self._params.sensor,
+                self._params.mapper.lone_return,
             )
+            result = self._mapper.integrate(beams)
+            if self._layers is not None:
+                self._layers.integrate(beams)
             self.watch.observe_ranges(reading.scan, self._params.sensor.no_return, self.dropped)
             self.merged["scans"] += 1
             self.merged["returns"] += result.hits

@@ -1,0 +1,177 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What localization holds on to, per cell: mean height of the ground, mean place of what stands.
+
+A cell of the height map keeps one height in whole centimetres, and its place is known to the size
+of the cell. Here the returns themselves are averaged, so that a wall is known to millimetres.
+
+Which returns are of the ground can change as more is seen: each cell averages the heights of its
+lowest returns, and the places of those above. A return below the lowest ones starts them anew, and
+they become part of what stands above. Cells of which only a wall's face was seen are recognised by
+their surroundings, when the layers are read.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heightmap25d_ros.grid.height_grid import TILE, HeightGrid, TiledArray
+from heightmap25d_ros.grid.height_map import Area, Geometry
+from heightmap25d_ros.kernels import inlined_kernel, kernel
+from heightmap25d_ros.mapping.sensor_model import Beams
+
+_SLAB = 0.10  # [m] above and below their mean within which returns are the lowest ones
+_LEVEL = 0.15  # [m] below the laser within which a return is level with it
+_NAMES = (
+    "ground_count", "level_count", "ground_height", "ground_scatter", "ground_x", "ground_y",
+    "elevated_count", "elevated_x", "elevated_y", "spread_xx", "spread_xy", "spread_yy",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LayerMap:
+    """A dense rectangle of the layers: what is saved, and localized in.
+
+    Attributes
+    ----------
+    geometry : Geometry
+    ground_count : (rows, columns) float32
+        How many returns were the cell's lowest.
+    level_count : (rows, columns) float32
+        How many of these were not clearly below the laser, as ground is unless it rises.
+    ground_height : (rows, columns) float32 [m], map
+        Their mean height; 0 where there is none.
+    ground_scatter : (rows, columns) float32 [m^2]
+        Sum of the squared differences of their heights from that mean.
+    ground_x, ground_y : (rows, columns) float32 [m]
+        Their mean place, seen from the centre of the cell.
+    elevated_count : (rows, columns) float32
+        How many returns were higher than these.
+    elevated_x, elevated_y : (rows, columns) float32 [m]
+        Their mean place, seen from the centre of the cell.
+    spread_xx, spread_xy, spread_yy : (rows, columns) float32 [m^2]
+        Sums of the squared differences of places from their mean: of the elevated returns, or of
+        the lowest ones where there are no others. On the face of a wall they are small across it,
+        on the top of a box they are not.
+    """
+
+    geometry: Geometry
+    ground_count: NDArray[np.float32]
+    level_count: NDArray[np.float32]
+    ground_height: NDArray[np.float32]
+    ground_scatter: NDArray[np.float32]
+    ground_x: NDArray[np.float32]
+    ground_y: NDArray[np.float32]
+    elevated_count: NDArray[np.float32]
+    elevated_x: NDArray[np.float32]
+    elevated_y: NDArray[np.float32]
+    spread_xx: NDArray[np.float32]
+    spread_xy: NDArray[np.float32]
+    spread_yy: NDArray[np.float32]
+
+
+class LocalizationLayers:
+    """The layers of a map in the making; memory is taken where something was seen.
+
+    Parameters
+    ----------
+    grid : HeightGrid
+        Whose cells they have.
+    """
+
+    def __init__(self, grid: HeightGrid) -> None:
+        self._geometry = grid.geometry
+        self._arrays = {
+            name: TiledArray(grid.tile_top.shape, np.float32) for name in _NAMES
+        }  # fmt: skip
+
+    def integrate(self, beams: Beams) -> None:
+        """Take in the returns of beams in the map that are not lone ones."""
+        _integrate(
+            beams.origins, beams.ends, beams.is_hit & ~beams.is_lone, self._geometry.origin,
+            self._geometry.resolution, *(self._arrays[name].cells for name in _NAMES),
+        )  # fmt: skip
+
+    def read(self, area: Area) -> LayerMap:
+        """Dense copy of an area."""
+        dense = {name: array.read(area) for name, array in self._arrays.items()}
+        return LayerMap(geometry=self._geometry.part(area), **dense)
+
+    def write(self, layers: LayerMap) -> None:
+        """Put dense layers in, replacing what is stored under them; same cells as the grid's."""
+        iy, ix = self._geometry.cell_at(
+            np.asarray(layers.geometry.origin) + 0.5 * self._geometry.resolution
+        )
+        area = Area(int(iy), int(ix), *layers.geometry.shape)
+        whole = _whole_tiles(area)
+        for name, array in self._arrays.items():
+            dense = array.read(whole)
+            dense[area.slices(whole)] = getattr(layers, name)
+            array.write(whole, dense)
+
+
+def _whole_tiles(area: Area) -> Area:
+    """The tiles that an area is in."""
+    iy, ix = area.iy // TILE * TILE, area.ix // TILE * TILE
+    rows = -(-(area.iy + area.rows) // TILE) * TILE - iy
+    return Area(iy, ix, rows, -(-(area.ix + area.columns) // TILE) * TILE - ix)
+
+
+@kernel
+def _integrate(  # noqa: PLR0913
+    origins, ends, is_used, corner, resolution,
+    ground_count, level_count, ground_height, ground_scatter, ground_x, ground_y,
+    elevated_count, elevated_x, elevated_y, spread_xx, spread_xy, spread_yy,
+):  # fmt: skip
+    """Average returns (N, 3) into the cells [tile y, tile x, y, x] that they are in."""
+    rows, columns = ground_count.shape[0] * TILE, ground_count.shape[1] * TILE
+    spread = spread_xx, spread_xy, spread_yy
+    for i in range(len(ends)):
+        u, v = (ends[i, 0] - corner[0]) / resolution, (ends[i, 1] - corner[1]) / resolution
+        if not is_used[i] or not (0.0 <= u < columns and 0.0 <= v < rows):
+            continue
+        ix, iy = int(u), int(v)
+        cell = iy // TILE, ix // TILE, iy % TILE, ix % TILE
+        x, y, z = (u - ix - 0.5) * resolution, (v - iy - 0.5) * resolution, ends[i, 2]
+        above = z - ground_height[cell]
+        if ground_count[cell] > 0 and above > _SLAB:
+            if elevated_count[cell] == 0:
+                spread_xx[cell] = spread_xy[cell] = spread_yy[cell] = 0.0
+            _average(cell, x, y, 1.0, elevated_count, elevated_x, elevated_y, spread, True)
+            continue
+        if ground_count[cell] > 0 and above < -_SLAB:
+            _average(
+                cell, ground_x[cell], ground_y[cell], ground_count[cell],
+                elevated_count, elevated_x, elevated_y, spread, True,
+            )  # fmt: skip
+            ground_count[cell] = level_count[cell] = ground_height[cell] = ground_scatter[cell] = (
+                0.0
+            )
+            ground_x[cell] = ground_y[cell] = 0.0
+        level_count[cell] += z > origins[i, 2] - _LEVEL
+        is_alone = elevated_count[cell] == 0
+        _average(cell, x, y, 1.0, ground_count, ground_x, ground_y, spread, is_alone)
+        mean = ground_height[cell] + (z - ground_height[cell]) / ground_count[cell]
+        ground_scatter[cell] += (z - ground_height[cell]) * (z - mean)
+        ground_height[cell] = mean
+
+
+@inlined_kernel
+def _average(  # noqa: PLR0913
+    cell, x, y, weight, counts, mean_x, mean_y, spread, is_spread,
+):  # fmt: skip
+    """Take a place, which counts for as many as its weight, into the mean and the spread."""
+    before = counts[cell]
+    total = before + weight
+    dx, dy = x - mean_x[cell], y - mean_y[cell]
+    counts[cell] = total
+    mean_x[cell] += dx * (weight / total)
+    mean_y[cell] += dy * (weight / total)
+    if is_spread:
+        share = before * weight / total
+        spread[0][cell] += share * dx * dx
+        spread[1][cell] += share * dx * dy
+        spread[2][cell] += share * dy * dy

@@ -1,0 +1,182 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Scans held to walls and ground of which everything is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from landmark_worlds import CORRIDOR, ROOM, ground_returns, landmarks_seen_by, wall_returns
+
+from heightmap25d_ros import se3
+from heightmap25d_ros.localization import scan_update
+from heightmap25d_ros.localization.registration import Reason
+from heightmap25d_ros.localization.scan_filter import ScanFilter, unknown_errors
+from heightmap25d_ros.localization.scan_window import ScanWindow
+from heightmap25d_ros.mapping.sensor_model import Beams
+from heightmap25d_ros.params.sections import Params, ScanFilterParams
+
+PARAMS = Params()
+PRIOR = np.diag(np.square([0.05, 0.05, 0.02, 0.03]))
+
+
+def world(walls, noise, seed=1):
+    rng = np.random.default_rng(seed)
+    return landmarks_seen_by(
+        ground_returns(rng, 80000, noise=noise), wall_returns(rng, 40000, walls, noise=noise)
+    )
+
+
+@pytest.fixture(scope="module")
+def room():
+    return world(ROOM, 0.01)
+
+
+@pytest.fixture(scope="module")
+def corridor():
+    return world(CORRIDOR, 0.01)
+
+
+def seen_from(T_map_base, walls, count=800, noise=0.01, seed=2):
+    """Returns (N, 3), as the robot at a pose sees them in its own frame."""
+    rng = np.random.default_rng(seed)
+    ends = np.concatenate([
+        ground_returns(rng, count // 2, half=(3.0, 1.1), noise=noise),
+        wall_returns(rng, count, walls, noise=noise),
+    ])  # fmt: skip
+    ends = ends[np.abs(ends[:, 0]) < 4.5]
+    return se3.transform_points(se3.inverse(T_map_base), ends)
+
+
+def estimate_at(T, spread=(0.1, 0.1, 0.03)):
+    return ScanFilter(PARAMS, T, np.diag(np.square(spread)), unknown_errors(PARAMS))
+
+
+def test_in_a_room_the_pose_is_found_to_millimetres(room):
+    true = se3.from_xyz_rpy([0.3, 0.1, 0.0, 0.0, 0.0, 0.4])
+    prior = se3.from_xyz_rpy([0.36, 0.05, 0.04, 0.0, 0.0, 0.43])
+    estimate = estimate_at(prior)
+    found = estimate.update(seen_from(true, ROOM), np.eye(4), room)
+    assert found.reason is Reason.ACCEPTED
+    error = se3.to_xyz_rpy(estimate.T_map_odom) - se3.to_xyz_rpy(true)
+    assert np.abs(error[:3]).max() < 0.008
+    assert abs(np.degrees(error[5])) < 0.15
+    assert max(estimate.deviation) < 0.02
+
+
+def test_a_tilt_of_the_odometry_is_not_taken_for_height_or_place(room):
+    true = se3.from_xyz_rpy([0.3, 0.1, 0.0, 0.0, 0.0, 0.4])
+    returns = seen_from(true @ se3.from_xyz_rpy([0, 0, 0, 0.006, -0.008, 0]), ROOM)
+    estimate = estimate_at(true)
+    estimate.update(returns, np.eye(4), room)
+    error = se3.to_xyz_rpy(estimate.T_map_odom) - se3.to_xyz_rpy(true)
+    assert np.abs(error[:3]).max() < 0.012
+
+
+def test_along_a_corridor_nothing_is_told(corridor):
+    returns = seen_from(np.eye(4), CORRIDOR)
+    found = scan_update.update_by_returns(
+        returns, np.zeros(3), np.linalg.inv(PRIOR), corridor, PARAMS.scan_filter
+    )
+    across, along = found.information[1, 1], found.information[0, 0]
+    assert across > 1.0 / 0.005**2
+    assert along < 1.0 / 1.0**2
+    assert abs(found.error[0]) < 0.002
+
+
+def test_only_the_share_of_information_counts_that_noise_does_not_explain():
+    information = np.diag([1000.0, 1e6, 1e6, 1e6])
+    gradient = np.array([10.0, 1e3, 1e3, 1e3])
+    for faked, share in ((0.0, 1.0), (0.1, 0.8), (0.6, 0.0)):
+        kept, kept_gradient = scan_update._discounted(
+            information, gradient, np.diag([1000.0 * faked, 0.0, 0.0, 0.0]), 2.0, 3.0
+        )
+        caution = 1.0 + 3.0 * faked
+        np.testing.assert_allclose(
+            np.diag(kept), [1000.0 * share**2 / caution, 1e6, 1e6, 1e6], rtol=1e-4, atol=1e-3
+        )
+        np.testing.assert_allclose(
+            kept_gradient, [10.0 * share / caution, 1e3, 1e3, 1e3], rtol=1e-4, atol=1e-3
+        )
+
+
+def driven(estimate, length, landmarks=None, step=0.08, scale=1.0):
+    """Drive along x, straight; odometry tells ``scale`` of the distance."""
+    T = np.eye(4)
+    for k in range(round(length / step)):
+        before, T = T, se3.from_xyz_rpy([scale * (k + 1) * step, 0.0, 0.0, 0.0, 0.0, 0.0])
+        estimate.predict(before, T)
+        if landmarks is not None:
+            true = se3.from_xyz_rpy([(k + 1) * step, 0.0, 0.0, 0.0, 0.0, 0.0])
+            seen = se3.transform_points(T, seen_from(true, CORRIDOR, seed=k))
+            estimate.update(seen, T, landmarks)
+    return T
+
+
+def test_slip_grows_as_it_does_where_nothing_tells_of_it(corridor):
+    """5.5 % of slip that lasts for 3 m: 0.14 m after 3 m and 0.25 m after 6 m."""
+    for length, expected in ((3.0, 0.14), (6.0, 0.25)):
+        alone = estimate_at(np.eye(4), (0.001, 0.001, 0.001))
+        driven(alone, length)
+        held = estimate_at(np.eye(4), (0.001, 0.001, 0.001))
+        driven(held, min(length, 3.0), corridor)
+        along = np.sqrt(alone.covariance[0, 0])
+        assert along == pytest.approx(expected, rel=0.15)
+        if length == 3.0:
+            assert np.sqrt(held.covariance[0, 0]) > 0.9 * along
+            assert np.sqrt(held.covariance[1, 1]) < 0.01
+
+
+def test_a_scale_of_the_odometry_is_learned(room):
+    estimate = estimate_at(np.eye(4), (0.01, 0.01, 0.01))
+    T = np.eye(4)
+    for lap in range(20):
+        for k in range(10):
+            x = 0.1 * (k + 1 if lap % 2 == 0 else 9 - k)
+            before, T = T, se3.from_xyz_rpy([x / 1.03, 0.0, 0.0, 0.0, 0.0, 0.0])
+            estimate.predict(before, T)
+            true = se3.from_xyz_rpy([x, 0.0, 0.0, 0.0, 0.0, 0.0])
+            returns = se3.transform_points(T, seen_from(true, ROOM, seed=k))
+            estimate.update(returns, T, room)
+    slip, scale = estimate.errors.mean[:2]
+    assert slip + scale == pytest.approx(0.03, abs=0.01)
+
+
+def test_what_contradicts_the_map_changes_nothing(room):
+    estimate = estimate_at(np.eye(4))
+    rng = np.random.default_rng(3)
+    clutter = np.column_stack([rng.uniform((-3, -1), (3, 1), (500, 2)), rng.uniform(0.3, 0.8, 500)])
+    before = estimate.covariance
+    found = estimate.update(clutter, np.eye(4), room)
+    assert found.reason is Reason.HIGH_RESIDUAL
+    np.testing.assert_array_equal(estimate.covariance, before)
+    few = estimate.update(clutter[:10], np.eye(4), room)
+    assert few.reason is Reason.FEW_POINTS
+    far = estimate.update(clutter + (100.0, 0.0, 0.0), np.eye(4), room)
+    assert far.reason is Reason.LITTLE_OVERLAP
+
+
+def test_settling_moves_the_pose_and_makes_it_no_surer(room):
+    true = se3.from_xyz_rpy([0.3, 0.1, 0.0, 0.0, 0.0, 0.4])
+    estimate = estimate_at(true @ se3.from_xyz_rpy([0.05, 0.03, 0, 0, 0, 0.02]), (0.3, 0.3, 0.1))
+    before = estimate.covariance
+    estimate.settle(seen_from(true, ROOM), np.eye(4), room)
+    np.testing.assert_array_equal(estimate.covariance, before)
+    error = se3.to_xyz_rpy(estimate.T_map_odom) - se3.to_xyz_rpy(true)
+    assert np.abs(error[:2]).max() < 0.01
+
+
+def test_a_robot_that_stands_is_not_told_the_same_again_and_again():
+    window = ScanWindow(ScanFilterParams())
+    ends = np.ones((5, 3))
+    beams = Beams(
+        origins=ends, ends=ends, is_hit=np.array([1, 1, 1, 1, 0], bool), is_lone=np.zeros(5, bool)
+    )
+    updates = 0
+    for k in range(100):
+        window.add(beams, k * 50_000_000)
+        if window.is_due(0.0, k * 50_000_000):
+            assert len(window.take(0.0, k * 50_000_000)) >= 4
+            updates += 1
+    assert updates == 3
+    assert window.is_due(0.1, 100 * 50_000_000)
