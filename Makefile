@@ -18,7 +18,7 @@ test: build ## all tests: 6 to 8 minutes on 2 cores
 
 check: build ## style, types and the quick tests: a minute; before each commit
 	@source env.sh && ruff check && ruff format --check && mypy && \
-	  python -m pytest -q -m "not slow" test
+	  python -m pytest -q -m "not slow" -n auto --dist loadfile test
 
 bench: build ## the measurements, also as out/bench.json
 	@source env.sh && pip install -qq --constraint .venv/pins.txt \

@@ -8,40 +8,36 @@ from typing import Any
 
 import numpy as np
 from matplotlib.animation import PillowWriter
-from matplotlib.colors import ListedColormap
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.patheffects import Normal, Stroke
+from mpl_toolkits.axes_grid1 import make_axes_locatable
 from numpy.typing import NDArray
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.grid.height_map import Geometry, HeightMap
 from heightmap25d_ros.params.sections import PlannerParams, TraversabilityParams
 from heightmap25d_ros.terrain.traversability import OCCUPIED, to_obstacle_map
-from heightmap25d_ros.viz import map_figures
+from heightmap25d_ros.viz import map_figures, palette
 
 EVERY = 1.5  # [s], simulated, between two frames
 FRAMES_PER_SECOND = 5
 LAST = 10  # frames for which the last one stays
-WIDTH, DPI = 9.0, 80  # [inch], [1/inch]
-# White with a dark rim: to be seen on the unknown as well as on any height.
-PLAN: dict[str, Any] = {
-    "color": "white", "linewidth": 1.4,
-    "path_effects": [Stroke(linewidth=3.2, foreground="#303030"), Normal()],
-}  # fmt: skip
+WIDTH, DPI = 9.2, 96  # [inch], [1/inch]: 883 pixels, points at their size on a screen
 
 
 def animate(path: Path, run: Any, goals: Sequence[Sequence[float]]) -> None:
     """Draw a `Run` of closed_loop.py as a GIF."""
     shown = map_figures.observed_part(run.maps[-1][1])
     geometry = shown.geometry
-    figure, artists = _stage(shown)
+    norm = palette.height_norm(shown.metres)
+    figure, artists = _stage(shown, norm)
     stamps = np.array([(stamp - run.driven[0][0]) * 1e-9 for stamp, _ in run.driven])
     stamps += run.seconds - stamps[-1]
     poses = np.array([T for _, T in run.driven])
     writer = PillowWriter(fps=FRAMES_PER_SECOND)
     with writer.saving(figure, path, DPI):
         for seconds in np.arange(0.0, run.seconds + EVERY, EVERY):
-            _show_map(artists, geometry, _newest(run.maps, seconds))
+            _show_map(artists, geometry, _newest(run.maps, seconds), norm)
             plan = _newest(run.plans, seconds)
             artists["plan"].set_data(*(plan.T if plan is not None else np.empty((2, 0))))
             count = int(np.searchsorted(stamps, seconds, side="right"))
@@ -59,29 +55,31 @@ def animate(path: Path, run: Any, goals: Sequence[Sequence[float]]) -> None:
             writer.grab_frame()
 
 
-def _stage(last: HeightMap) -> tuple[Figure, dict[str, Any]]:
+def _stage(last: HeightMap, norm: Normalize) -> tuple[Figure, dict[str, Any]]:
     """The figure, and what of it changes."""
     figure, axes = map_figures.map_axes(last.geometry)
-    width, height = figure.get_size_inches()
-    figure.set_size_inches(WIDTH, WIDTH * height / width)
-    figure.subplots_adjust(left=0.07, right=0.99, bottom=0.13, top=0.92)
-    axes.set_facecolor(map_figures.UNKNOWN_COLOUR)
-    metres = last.metres
-    style: dict[str, Any] = {
-        "origin": "lower", "interpolation": "nearest", "extent": map_figures.extent(last.geometry),
-    }  # fmt: skip
-    nothing = np.full(last.geometry.shape, np.nan)
-    obstacle = ListedColormap([map_figures.OCCUPIED_COLOUR])
+    rows, columns = last.geometry.shape
+    figure.set_size_inches(WIDTH, (WIDTH - 1.6) * rows / columns + 1.6)
+    figure.subplots_adjust(left=0.07, right=0.92, bottom=0.12, top=0.82)
+    side = make_axes_locatable(axes).append_axes("right", size=0.14, pad=0.1)
+    figure.colorbar(palette.height_scale(norm), cax=side, label="height [m]")
+    axes.set_facecolor(palette.UNKNOWN)
+    nothing = np.zeros((*last.geometry.shape, 4), np.uint8)
     artists = {
-        "heights": axes.imshow(nothing, cmap=map_figures.terrain_colours(),
-                               norm=map_figures.height_norm(metres), **style),
-        "obstacles": axes.imshow(nothing, cmap=obstacle, vmin=0.0, vmax=1.0, **style),
-        "plan": axes.plot([], [], **PLAN)[0],
-        "driven": axes.plot([], [], **map_figures.TRAJECTORY)[0],
-        "robot": axes.fill([0.0], [0.0], facecolor="white", edgecolor="black")[0],
-        "goal": axes.plot([], [], "*", color="white", markeredgecolor="black", markersize=14)[0],
-        "title": axes.set_title("", family="monospace", fontsize=10),
+        "cells": map_figures.draw_picture(axes, last.geometry, nothing),
+        "plan": axes.plot([], [], **palette.PLANNED_LINE)[0],
+        "driven": axes.plot([], [], **palette.DRIVEN_LINE)[0],
+        "robot": axes.fill([0.0], [0.0], facecolor=palette.ROBOT, edgecolor=palette.FOOTPRINT)[0],
+        "goal": axes.plot([], [], **palette.GOAL_MARK)[0],
     }  # fmt: skip
+    entries = [
+        palette.line_entry(palette.DRIVEN_LINE), palette.line_entry(palette.PLANNED_LINE),
+        palette.footprint_entry("robot"), palette.line_entry(palette.GOAL_MARK),
+        palette.occupied_entry(), palette.unknown_entry(), palette.wall_entry(),
+    ]  # fmt: skip
+    legend = palette.legend_above(axes, entries, " ")
+    artists["title"] = legend.get_title()
+    artists["title"].set_family("monospace")  # columns of numbers stay where they are
     return figure, artists
 
 
@@ -91,23 +89,26 @@ def _newest(stamped: list[tuple[float, Any]], seconds: float) -> Any:
     return said[-1] if said else None
 
 
-def _show_map(artists: dict[str, Any], geometry: Geometry, shown: HeightMap | None) -> None:
+def _show_map(
+    artists: dict[str, Any], geometry: Geometry, shown: HeightMap | None, norm: Normalize
+) -> None:
     if shown is None:
         return
-    metres = shown.metres
+    picture = palette.relief(shown.metres, shown.geometry.resolution, norm)
     occupied = to_obstacle_map(shown, TraversabilityParams()).occupancy == OCCUPIED
-    obstacles = np.where(occupied, 1.0, np.nan)
-    for name, values in (("heights", metres), ("obstacles", obstacles)):
-        artists[name].set_data(_placed(geometry, shown.geometry, values))
+    walls = map_figures.walls_without_ground(shown, occupied)
+    for cells, colour in ((walls, palette.WALL), (occupied, palette.OCCUPIED)):
+        picture[cells] = (*palette.rgb(colour), 255)
+    artists["cells"].set_data(_placed(geometry, shown.geometry, picture))
 
 
-def _placed(geometry: Geometry, part: Geometry, values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Cells of one rectangle of the grid in another one; NaN where they tell nothing."""
-    result = np.full(geometry.shape, np.nan)
-    cells = np.argwhere(np.isfinite(values))
+def _placed(geometry: Geometry, part: Geometry, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """A picture of one rectangle of the grid in another one; transparent elsewhere."""
+    result = np.zeros((*geometry.shape, 4), np.uint8)
+    cells = np.argwhere(picture[..., 3] > 0)
     there = geometry.cell_at(part.cell_center(cells))
     inside = geometry.contains(there)
-    result[tuple(there[inside].T)] = values[tuple(cells[inside].T)]
+    result[tuple(there[inside].T)] = picture[tuple(cells[inside].T)]
     return result
 
 

@@ -2,14 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pictures of docs/defaults.md: cells where the default misses a target."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib import pyplot as plt
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
@@ -19,11 +24,13 @@ from heightmap25d_ros.evaluation.truth import GoalPairs, read_goals, read_truth
 from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, Geometry, HeightMap
 from heightmap25d_ros.io import map_directory
 from heightmap25d_ros.params.sections import Params
-from heightmap25d_ros.terrain.traversability import INFLATED, ObstacleMap, to_obstacle_map
+from heightmap25d_ros.terrain.traversability import INFLATED, OCCUPIED, ObstacleMap, to_obstacle_map
+from heightmap25d_ros.viz import map_figures, palette
 
 SETTINGS = Params()
 CLIMB = SETTINGS.traversability.max_step
-FALSE, MISSED, UNKNOWN = "#d62728", "#1f5fd6", "#e4e4e4"
+ODD = palette.ODOMETRY  # goals that should be refused and are not
+FALSE, MISSED = palette.OCCUPIED, palette.FRONTIER
 
 
 @dataclass(frozen=True)
@@ -38,7 +45,7 @@ class Case:
 
 def draw(bags: Path, maps: Path, directory: Path) -> None:
     directory.mkdir(parents=True, exist_ok=True)
-    mpl.rcParams.update({"font.size": 8, "axes.titlesize": 9, "image.interpolation": "nearest"})
+    mpl.rcParams.update({"font.size": 9, "axes.titlesize": 9, "image.interpolation": "nearest"})
     tops(directory / "defaults_tops.png", case(bags, maps, "street_1"))
     transitions(directory / "defaults_street.png", case(bags, maps, "street_1"),
                 ((22.0, 25.6), (-5.4, -4.4)), (0.0, 2.0))  # fmt: skip
@@ -97,10 +104,8 @@ def wrong(case: Case) -> tuple[list, list]:
 
 
 def show(axes: Axes, geometry: Geometry, image: NDArray, **options: object) -> mpl.image.AxesImage:
-    (x, y), (rows, columns) = geometry.origin, geometry.shape
-    extent = (x, x + columns * geometry.resolution, y, y + rows * geometry.resolution)
-    axes.set_facecolor(UNKNOWN)
-    return axes.imshow(image, origin="lower", extent=extent, **options)
+    axes.set_facecolor(palette.UNKNOWN)
+    return axes.imshow(image, origin="lower", extent=map_figures.extent(geometry), **options)
 
 
 def transitions(path: Path, case: Case, area: tuple, span: tuple | None) -> None:
@@ -110,10 +115,11 @@ def transitions(path: Path, case: Case, area: tuple, span: tuple | None) -> None
     high = case.geometry.cell_at((x1, y1))
     part = case.seen[low[0] : high[0], low[1] : high[1]]
     low_z, high_z = span or (np.nanmin(part), np.nanpercentile(part, 97))
+    norm = Normalize(low_z, high_z, clip=True)
     is_wide = x1 - x0 > 3 * (y1 - y0)
     figure, panels = plt.subplots(
         *((3, 1) if is_wide else (1, 3)),
-        figsize=(8, 5.6) if is_wide else (10, 3.4),
+        figsize=(8, 6.0) if is_wide else (9, 3.2),
         sharex=True,
         sharey=True,
         layout="constrained",
@@ -121,13 +127,17 @@ def transitions(path: Path, case: Case, area: tuple, span: tuple | None) -> None
     false, missed = wrong(case)
     titles = ("map", "highest point met, without noise", "top of the world")
     for axes, image, title in zip(panels, (case.height, case.seen, case.top), titles, strict=True):
-        drawn = show(axes, case.geometry, image, vmin=low_z, vmax=high_z, cmap="viridis")
-        axes.add_collection(LineCollection(false, colors=FALSE, linewidths=1.6))
-        axes.add_collection(LineCollection(missed, colors=MISSED, linewidths=1.6))
+        show(axes, case.geometry, palette.relief(image, case.geometry.resolution, norm))
+        for lines, colour in ((false, FALSE), (missed, MISSED)):
+            axes.add_collection(LineCollection(lines, colors="white", linewidths=3.2))
+            axes.add_collection(LineCollection(lines, colors=colour, linewidths=1.8))
         axes.set(xlim=(x0, x1), ylim=(y0, y1), title=title)
-    panels[0].set_ylabel("y [m]")
-    panels[-1].set_xlabel("x [m]")
-    figure.colorbar(drawn, ax=panels, label="height [m]", shrink=0.7)
+        axes.set(xlabel="x [m]", ylabel="y [m]")
+        axes.label_outer()
+    figure.colorbar(palette.height_scale(norm), ax=panels, label="height [m]", shrink=0.7)
+    add_legend(figure, (Line2D([], [], color=FALSE, label="false transition"),
+                        Line2D([], [], color=MISSED, label="missed transition"),
+                        palette.unknown_entry()))  # fmt: skip
     save(figure, path)
 
 
@@ -135,7 +145,7 @@ def tops(path: Path, case: Case) -> None:
     """Where a top is off, and by how much."""
     error = case.height - case.seen
     off = np.abs(error) > LARGE_ERROR
-    figure, axes = plt.subplots(figsize=(9, 2.7), layout="constrained")
+    figure, axes = plt.subplots(figsize=(8.5, 3.0), layout="constrained")
     show(axes, case.geometry, np.where(np.isfinite(case.height), 0.25, np.nan), vmin=0, vmax=1,
          cmap="Greys", alpha=0.35)  # fmt: skip
     drawn = show(
@@ -149,7 +159,10 @@ def tops(path: Path, case: Case) -> None:
         title="stored minus highest point met, where > 10 cm",
     )
     axes.set_facecolor("white")
-    figure.colorbar(drawn, ax=axes, label="[m]", shrink=0.8)
+    figure.colorbar(drawn, ax=axes, label="error [m]", shrink=0.8)
+    grey = mpl.colormaps["Greys"](0.25, alpha=0.35)
+    add_legend(figure, (palette.cell_entry("white", "unknown"),
+                        palette.cell_entry(grey, "right within 10 cm")))  # fmt: skip
     save(figure, path)
 
 
@@ -158,24 +171,52 @@ def goals(path: Path, bag: Path, stored: Path) -> None:
     truth = read_truth(bag / "truth" / "surface.npz")
     pairs = read_goals(bag / "truth" / "goals.npz")
     mapped = map_directory.load(stored, SETTINGS.mapper.probability_threshold).height_map
-    figure, panels = plt.subplots(1, 2, figsize=(8, 3.9), sharey=True, layout="constrained")
+    figure, panels = plt.subplots(1, 2, figsize=(8, 4.1), sharey=True, layout="constrained")
     for axes, heights, name in zip(
         panels, (mapped, exact(truth.geometry, truth.top)), ("map", "the true surface"), strict=True
     ):
         obstacles = to_obstacle_map(heights, SETTINGS.traversability)
         is_open = (obstacles.cost >= 0) & (obstacles.cost < INFLATED)
-        image = np.where(heights.known, np.where(is_open, 1.0, 0.5), np.nan)
-        image[obstacles.occupancy == 100] = 0.0
-        show(axes, obstacles.geometry, image, vmin=0, vmax=1, cmap="gray")
+        axes.set_facecolor(palette.UNKNOWN)
+        for cells, colour in (
+            (heights.known, palette.WALL),
+            (is_open, palette.FREE),
+            (obstacles.occupancy == OCCUPIED, palette.OCCUPIED),
+        ):
+            map_figures.draw_cells(axes, obstacles.geometry, cells, colour)
         refused = np.array([is_refused(obstacles, pairs, i) for i in range(len(pairs.goal))])
-        for chosen, mark, color in ((refused, "x", "#2ca02c"), (~refused, "o", FALSE)):
+        for chosen, mark, color in ((refused, "x", palette.DRIVEN), (~refused, "o", ODD)):
             at = pairs.goal[~pairs.reachable & chosen]
-            axes.plot(at[:, 0], at[:, 1], mark, color=color, markersize=4)
+            axes.plot(
+                at[:, 0],
+                at[:, 1],
+                mark,
+                color=color,
+                markeredgecolor="black" if mark == "o" else color,
+                markersize=5,
+            )
         axes.set(xlim=(-2.5, 9.0), ylim=(-2.5, 6.5), xlabel="x [m]")
         count = int((refused & ~pairs.reachable).sum())
         axes.set_title(f"{name}: {count} of {int((~pairs.reachable).sum())} refused")
     panels[0].set_ylabel("y [m]")
+    marks = {"linestyle": "none", "markersize": 5}
+    add_legend(figure, (
+        Line2D([], [], marker="x", color=palette.DRIVEN,
+               label="unreachable goal, refused", **marks),
+        Line2D([], [], marker="o", color=ODD, markeredgecolor="black",
+               label="unreachable goal, accepted", **marks),
+        palette.free_entry(), palette.cell_entry(palette.WALL, "inflated"),
+        palette.occupied_entry(), palette.unknown_entry(),
+    ))  # fmt: skip
     save(figure, path)
+
+
+def add_legend(figure: Figure, entries: Sequence[Artist]) -> None:
+    """A legend above all panels."""
+    figure.legend(
+        handles=list(entries), loc="outside upper left", ncols=3, frameon=False,
+        fontsize=palette.LEGEND_SIZE,
+    )  # fmt: skip
 
 
 def exact(geometry: Geometry, height: NDArray) -> HeightMap:

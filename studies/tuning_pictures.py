@@ -15,10 +15,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import ListedColormap
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.io.bag import Bag
@@ -29,13 +32,14 @@ from heightmap25d_ros.pipelines.replay import replayed
 from heightmap25d_ros.planning.graph import transition_graph
 from heightmap25d_ros.planning.plan import Pose2D
 from heightmap25d_ros.planning.planner import Planner
-from heightmap25d_ros.terrain.traversability import OCCUPIED, to_obstacle_map
-from heightmap25d_ros.viz import map_figures
+from heightmap25d_ros.terrain.traversability import INFLATED, OCCUPIED, to_obstacle_map
+from heightmap25d_ros.viz import map_figures, palette
 
 ROOT = Path(__file__).resolve().parent.parent
-WIDTH, DPI = 7.5, 110  # [inch], [1/inch]
+WIDTH, DPI = 8.0, 110  # [inch], [1/inch]
 Values = dict[str, Any]
-Draw = Callable[[Axes, HeightMap, Params], str]
+COSTS = ScalarMappable(Normalize(0, INFLATED - 1), palette.SCORES)
+Draw = Callable[[Axes, HeightMap, Normalize, Params], str]
 
 
 @dataclass(frozen=True)
@@ -65,18 +69,51 @@ def main(arguments: list[str]) -> int:
 def draw(path: Path, picture: Picture) -> None:
     (west, east), (south, north) = picture.part
     rows = len(picture.values)
-    panel = WIDTH * (north - south) / (east - west)
-    figure = Figure(figsize=(WIDTH, rows * (panel + 0.35)), layout="constrained")
-    for axes, values in zip(figure.subplots(rows), picture.values, strict=True):
-        params = with_values(Params(), values)
-        result = picture.draw(axes, mapped(picture.bag, params), params)
+    panel = (WIDTH - 1.5) * (north - south) / (east - west)
+    figure = Figure(figsize=(WIDTH, rows * (panel + 0.35) + 0.8), layout="constrained")
+    all_params = [with_values(Params(), values) for values in picture.values]
+    maps = [mapped(picture.bag, params) for params in all_params]
+    norm = palette.height_norm(np.concatenate([part_of(shown, picture.part) for shown in maps]))
+    panels = figure.subplots(rows, sharex=True)
+    for axes, params, values, shown in zip(panels, all_params, picture.values, maps, strict=True):
+        result = picture.draw(axes, shown, norm, params)
         title = ", ".join(f"{name}: {value}" for name, value in values.items())
-        axes.set_title(f"{title}   {result}", size=9)
-        axes.set(xlim=(west, east), ylim=(south, north), aspect="equal")
-        axes.set_facecolor(map_figures.UNKNOWN_COLOUR)
-        axes.tick_params(labelsize=7)
+        axes.set_title(f"{title}   {result}", size=palette.TITLE_SIZE, loc="left")
+        axes.set(xlim=(west, east), ylim=(south, north), aspect="equal", ylabel="y [m]")
+        axes.set_facecolor(palette.UNKNOWN)
+    panels[-1].set_xlabel("x [m]")
+    is_costs = picture.draw is draw_costs
+    scale = COSTS if is_costs else palette.height_scale(norm)
+    label = "cost" if is_costs else "height [m]"
+    figure.colorbar(scale, ax=panels, label=label, aspect=20 * rows, pad=0.02)
+    figure.legend(
+        handles=entries(picture.draw), loc="outside upper left", ncols=5, frameon=False,
+        fontsize=palette.LEGEND_SIZE,
+    )  # fmt: skip
     FigureCanvasAgg(figure)
     figure.savefig(path, dpi=DPI, metadata={"Software": None})
+
+
+def entries(how: Draw) -> list[Artist]:
+    """What the legend shows."""
+    if how is draw_costs:
+        return [palette.occupied_entry(), palette.inflated_entry(), palette.unknown_entry()]
+    cells: list[Artist] = [
+        palette.occupied_entry(), palette.unknown_entry(), palette.wall_entry()
+    ]  # fmt: skip
+    if isinstance(how, partial):
+        marks = palette.PLANNED_LINE, palette.START_MARK, palette.GOAL_MARK
+        return [*(palette.line_entry(mark) for mark in marks), *cells]
+    return cells
+
+
+def part_of(shown: HeightMap, part: tuple[tuple[float, float], tuple[float, float]]) -> NDArray:
+    """The heights [m] of the known cells in a rectangle."""
+    cells = np.argwhere(shown.known)
+    at = shown.geometry.cell_center(cells)
+    inside = np.all([(low <= at[:, k]) & (at[:, k] <= high) for k, (low, high) in enumerate(part)],
+                    axis=0)  # fmt: skip
+    return shown.metres[tuple(cells[inside].T)]
 
 
 def mapped(name: str, params: Params) -> HeightMap:
@@ -89,41 +126,39 @@ def mapped(name: str, params: Params) -> HeightMap:
         return mapping.maps()[0]
 
 
-def draw_obstacles(axes: Axes, shown: HeightMap, params: Params) -> str:
-    metres = shown.metres
-    draw_cells(
-        axes,
-        shown,
-        metres,
-        cmap=map_figures.terrain_colours(),
-        norm=map_figures.height_norm(metres),
-    )
+def draw_obstacles(axes: Axes, shown: HeightMap, norm: Normalize, params: Params) -> str:
+    map_figures.draw_heights(axes, shown, norm)
     occupied = to_obstacle_map(shown, params.traversability).occupancy == OCCUPIED
-    obstacle = ListedColormap([map_figures.OCCUPIED_COLOUR])
-    draw_cells(axes, shown, np.where(occupied, 1.0, np.nan), cmap=obstacle)
+    walls = map_figures.walls_without_ground(shown, occupied)
+    map_figures.draw_cells(axes, shown.geometry, walls, palette.WALL)
+    map_figures.draw_cells(axes, shown.geometry, occupied, palette.OCCUPIED)
     return ""
 
 
-def draw_costs(axes: Axes, shown: HeightMap, params: Params) -> str:
-    cost = to_obstacle_map(shown, params.traversability).cost.astype(float)
-    draw_cells(axes, shown, np.where(cost >= 0, cost, np.nan), cmap="YlOrRd", vmin=0, vmax=100)
+def draw_costs(axes: Axes, shown: HeightMap, norm: Normalize, params: Params) -> str:
+    del norm  # of heights
+    obstacles = to_obstacle_map(shown, params.traversability)
+    cost, geometry = obstacles.cost, shown.geometry
+    picture = COSTS.to_rgba(cost, bytes=True)
+    picture[..., 3] = np.where(cost >= 0, 255, 0)
+    map_figures.draw_picture(axes, geometry, picture)
+    map_figures.draw_cells(axes, geometry, cost == INFLATED, palette.FREE)
+    map_figures.draw_hatched(axes, geometry, cost == INFLATED)
+    map_figures.draw_cells(axes, geometry, cost == OCCUPIED, palette.OCCUPIED)
     return ""
 
 
-def draw_path(axes: Axes, shown: HeightMap, params: Params, start: Pose2D, goal: Pose2D) -> str:
-    draw_obstacles(axes, shown, params)
+def draw_path(
+    axes: Axes, shown: HeightMap, norm: Normalize, params: Params, start: Pose2D, goal: Pose2D
+) -> str:
+    draw_obstacles(axes, shown, norm, params)
     graph = transition_graph(shown, params.traversability, params.planner)
     planner = Planner(graph, params.traversability, params.planner)
     plan = planner.plan(start, goal, is_robot_there=False)
-    axes.plot(plan.poses[:, 0, 3], plan.poses[:, 1, 3], **map_figures.TRAJECTORY)
+    axes.plot(plan.poses[:, 0, 3], plan.poses[:, 1, 3], **palette.PLANNED_LINE)
+    axes.plot(start.x, start.y, **palette.START_MARK)
+    axes.plot(goal.x, goal.y, **palette.GOAL_MARK)
     return plan.reason or f"{plan.length:.1f} m long, {plan.climb:.2f} m up"
-
-
-def draw_cells(axes: Axes, shown: HeightMap, cells: Any, **style: Any) -> None:
-    axes.imshow(
-        cells, origin="lower", interpolation="nearest", extent=map_figures.extent(shown.geometry),
-        **style,
-    )  # fmt: skip
 
 
 def each(name: str, *values: Any) -> tuple[Values, ...]:

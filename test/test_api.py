@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import ast
 import doctest
+import re
 import subprocess
 import sys
 from importlib import import_module
@@ -91,6 +92,17 @@ def test_examples_in_docstrings(
     (tmp_path / "bags").symlink_to(ROOT / "bags")
     monkeypatch.chdir(tmp_path)
     assert doctest.testmod(import_module(module)).failed == 0
+
+
+@pytest.mark.parametrize(
+    "room",
+    ["grid", "mapping", "terrain", "planning", "localization", "io", "viz", "evaluation", "params"],
+)
+def test_docstring_of_a_room_lists_its_modules(room: str) -> None:
+    folder = SOURCE.parent / room
+    docstring = ast.get_docstring(ast.parse((folder / "__init__.py").read_text()))
+    modules = {path.stem for path in folder.glob("*.py") if not path.stem.startswith("_")}
+    assert modules <= set(re.findall(r"`(\w+)`", docstring))
 
 
 def test_defaults_are_those_of_the_parameters() -> None:

@@ -25,10 +25,10 @@ MOST_LINES = 30
 """Of code, without header and blank lines."""
 
 
-def run(name: str, directory: Path) -> str:
-    """What an example prints; it writes into out/examples of the directory."""
+def run(name: str, directory: Path, *arguments: str) -> str:
+    """What an example prints; it writes into out/examples of the directory by default."""
     done = subprocess.run(
-        [sys.executable, EXAMPLES / f"{name}.py"],
+        [sys.executable, EXAMPLES / f"{name}.py", *arguments],
         cwd=directory, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
@@ -43,21 +43,14 @@ def height_at(directory: Path, x: float, y: float) -> float:
 
 
 def test_numpy_scans_to_map(tmp_path: Path) -> None:
-    printed = run("numpy_scans_to_map", tmp_path)
-    made = tmp_path / "out" / "examples" / "step"
+    printed = run("numpy_scans_to_map", tmp_path, "elsewhere")
+    assert [path.name for path in tmp_path.iterdir()] == ["elsewhere"]
+    made = tmp_path / "elsewhere" / "step"
     for x, z in ((1.5, 0.0), (3.9, 0.0), (4.1, 0.30), (4.4, 0.30)):
         assert height_at(made, x, 0.0) == pytest.approx(z, abs=CENTIMETRE)
     assert "x = 4.3 m: 30 cm" in printed
     known = map_directory.load(made).height_map.known
     assert 500 < known.sum() < 0.9 * known.size
-
-
-def test_directory_may_be_given(tmp_path: Path) -> None:
-    script = EXAMPLES / "numpy_scans_to_map.py"
-    subprocess.run(
-        [sys.executable, script, "elsewhere"], cwd=tmp_path, check=True, capture_output=True
-    )
-    assert [path.name for path in tmp_path.iterdir()] == ["elsewhere"]
 
 
 @pytest.mark.slow
@@ -109,6 +102,17 @@ def test_picture(tmp_path: Path) -> None:
         with Image.open(tmp_path / "out" / "examples" / f"{name}.png") as picture:
             assert min(picture.size) > 300
             assert len(picture.convert("RGB").getcolors(1 << 24)) > 10
+
+
+@pytest.mark.slow
+def test_script_of_the_readme(tmp_path: Path) -> None:
+    (script,) = re.findall(r"^```python\n(.*?)^```", (ROOT / "README.md").read_text(), re.M | re.S)
+    (tmp_path / "bags").symlink_to(BAGS)
+    done = subprocess.run(
+        [sys.executable, "-c", script], cwd=tmp_path, check=True, capture_output=True, text=True
+    )
+    assert re.fullmatch(r"2\d\.\d m long, 1\.5\d m up\n", done.stdout)
+    assert height_at(tmp_path / "out" / "ramp", 21.5, -2.0) == pytest.approx(-1.36, abs=CENTIMETRE)
 
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.stem)

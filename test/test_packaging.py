@@ -35,13 +35,13 @@ STOREYS = [
 ROOMS = [room for storey in STOREYS for room in storey]
 
 # rosdep's name of what is imported under another name; rosbags and the extras, mujoco and rerun,
-# have none, llvmlite comes with numba, lz4 and zstd (backports, compression) with rosbags, and
-# grid_map_msgs is used where it is.
+# have none, llvmlite comes with numba, lz4 and zstd (backports, or compression from Python 3.14 on)
+# with rosbags, and grid_map_msgs is used where it is.
 ROSDEP_KEYS = {
-    "grid_map_msgs": None,
-    "llvmlite": None,
     "backports": None,
     "compression": None,
+    "grid_map_msgs": None,
+    "llvmlite": None,
     "lz4": None,
     "matplotlib": "python3-matplotlib",
     "mpl_toolkits": "python3-matplotlib",

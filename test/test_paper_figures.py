@@ -84,6 +84,7 @@ def test_figure_2_the_ramp(tmp_path: Path) -> None:
     assert ramp["3-D"]["error max [m]"] > 0.06  # 0.078: half a layer, and the slope in a cell
 
 
+@pytest.mark.slow
 def test_without_octomap_one_line_says_what_to_install(tmp_path: Path) -> None:
     (tmp_path / "pyoctomap.py").write_text("raise ImportError")
     path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
@@ -94,6 +95,7 @@ def test_without_octomap_one_line_says_what_to_install(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_another_figure_is_refused() -> None:
     done = paper_figures("fig9")
     assert done.returncode == 2

@@ -30,12 +30,14 @@ def sha256(directory: Path) -> dict[str, str]:
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
 
+@pytest.mark.slow
 def test_recording_twice_gives_the_same_bytes(tmp_path: Path) -> None:
     for name in ("first", "second"):
         record_ramp.record(tmp_path / name / "ramp", duration=0.5)
     assert sha256(tmp_path / "first") == sha256(tmp_path / "second")
 
 
+@pytest.mark.slow
 def test_committed_bag_is_what_is_recorded(tmp_path: Path, committed: AnyReader) -> None:
     """The first second of it; content, since a compressor's bytes depend on its version."""
     record_ramp.record(tmp_path / "ramp", duration=1.0)

@@ -42,7 +42,7 @@ def _render(options: argparse.Namespace) -> Figures:
     pictures = [options.output / f"{name}.png" for name in ("height", "obstacles", "blocks")]
     map_figures.height_map(pictures[0], height_map, trajectory)
     map_figures.obstacle_map(
-        pictures[1], to_obstacle_map(height_map, settings.traversability), trajectory
+        pictures[1], to_obstacle_map(height_map, settings.traversability), trajectory, height_map
     )
     map_figures.blocks(pictures[2], height_map, trajectory)
     return {"pictures": [str(picture) for picture in pictures]}

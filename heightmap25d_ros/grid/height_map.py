@@ -24,11 +24,11 @@ HEIGHT_LIMIT = 32700
 PROBABILITY_SCALE = 65535
 """Stored value of probability 1."""
 
-FLOAT32_REACH = 4096.0
-"""Coordinates up to here keep a quarter of a millimetre in single precision [m]."""
-
 PROBABILITY_THRESHOLD = MapperParams().probability_threshold
 """Cells believed less than this are unknown, by default."""
+
+FLOAT32_REACH = 4096.0
+"""Coordinates up to here keep a quarter of a millimetre in single precision [m]."""
 
 Cell = tuple[int, int]
 """Row and column, (iy, ix)."""

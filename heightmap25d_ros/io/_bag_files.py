@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import re
 import shutil
-import sys
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -20,6 +19,7 @@ from rosbags.interfaces import Connection
 from rosbags.typesys.store import Typestore
 
 from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.io._compression import zstd
 from heightmap25d_ros.io._connections import NO_DEFINITION, connection
 from heightmap25d_ros.io._sqlite_scan import journals, with_journal
 from heightmap25d_ros.io._storage import (
@@ -31,11 +31,6 @@ from heightmap25d_ros.io._storage import (
     Warn,
     one_line,
 )
-
-if sys.version_info >= (3, 14):
-    from compression import zstd
-else:
-    from backports import zstd
 
 METADATA = "metadata.yaml"
 _COMPRESSED = ".zstd"

@@ -11,23 +11,17 @@ from __future__ import annotations
 import heapq
 import mmap
 import struct
-import sys
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import NamedTuple
 from zlib import crc32
 
-from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 from rosbags.interfaces import Connection, MessageDefinition
 
 from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.io._compression import LZ4FrameDecompressor, zstd
 from heightmap25d_ros.io._connections import NO_DEFINITION, connection, definition_of
-
-if sys.version_info >= (3, 14):
-    from compression import zstd
-else:
-    from backports import zstd
 
 _MAGIC = b"\x89MCAP0\r\n"
 _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _CHUNK_INDEX, _DATA_END = 2, 3, 4, 5, 6, 8, 15
@@ -109,7 +103,8 @@ class McapScan:
         self._scan()
         self._loose.sort()
         self.connections = [
-            channel._replace(msgcount=self._counts[key]) for key, channel in self._channels.items()
+            channel._replace(msgcount=self._counts[key], owner=self)
+            for key, channel in self._channels.items()
         ]
         self.message_count = sum(self._counts.values())
         stamps = [ns for chunk in self._chunks for ns in (chunk.start_ns, chunk.end_ns)]

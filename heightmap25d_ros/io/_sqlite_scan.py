@@ -124,7 +124,9 @@ class SqliteScan:
             self._database.close()
             raise
         counts = Counter(row.topic for row in self._rows)
-        self.connections = [topic._replace(msgcount=counts[topic.id]) for topic in topics]
+        self.connections = [
+            topic._replace(msgcount=counts[topic.id], owner=self) for topic in topics
+        ]
         self.message_count = len(self._rows)
         self.start_time = self._rows[0].stamp_ns if self._rows else 2**63 - 1
         self.end_time = self._rows[-1].stamp_ns + 1 if self._rows else 0

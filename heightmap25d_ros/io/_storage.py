@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Collection, Iterator, Sequence
 from itertools import islice
 from pathlib import Path
@@ -27,13 +26,9 @@ from rosbags.typesys import TypesysError, get_types_from_msg
 from rosbags.typesys.store import Typestore
 
 from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.io._compression import zstd
 from heightmap25d_ros.io._mcap_scan import McapScan
 from heightmap25d_ros.io._sqlite_scan import SqliteScan, missing_bytes
-
-if sys.version_info >= (3, 14):
-    from compression import zstd
-else:
-    from backports import zstd
 
 Messages = Iterator[tuple[Connection, int, bytes]]
 Warn = Callable[[str], None]

@@ -150,7 +150,9 @@ class Bag:
         ]
 
     def require(self, topic: str, message_type: str) -> None:
-        """Refuse a topic that is not there or is of another type; warn if it has no messages.
+        """Refuse a topic that is not there or is of another type.
+
+        Warns if it has no messages of the type, or messages of other types.
 
         Raises
         ------
@@ -162,6 +164,9 @@ class Bag:
             raise InputError(
                 f"{self.path}: {topic} is a {' and a '.join(types)}, not a {message_type}"
             )
+        for connection in self._of_topic(topic):
+            if type_of(connection) != message_type:
+                self._note_other(connection, message_type)
         if topic not in self.topics_of(message_type):
             self._warn(f"{self.path}: {topic} ({message_type}) holds no messages")
 

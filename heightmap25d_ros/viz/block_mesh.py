@@ -7,9 +7,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from matplotlib.colors import Normalize
 from numpy.typing import NDArray
 
 from heightmap25d_ros.grid.height_map import PROBABILITY_SCALE, Geometry, HeightMap
+from heightmap25d_ros.viz import palette
 
 _SHADE_TOP, _SHADE_SIDE_X, _SHADE_SIDE_Y = 1.0, 0.72, 0.55
 _SHADE_CHECKERED = 0.93
@@ -24,13 +26,19 @@ class Faces:
     corners : (N, 4, 3) float64 [m], map
     height : (N,) float64 [m]
         Of the cell that a face belongs to.
-    shade : (N,) float64, 0 .. 1
-        Brightness: by the face's direction, and checkered, to distinguish neighbours.
+    shade : (N,) float64, 0 .. 1.5
+        Brightness: by the face's direction, with the hillshade of its cell, and checkered, to
+        distinguish neighbours.
     """
 
     corners: NDArray[np.float64]
     height: NDArray[np.float64]
     shade: NDArray[np.float64]
+
+
+def colours(faces: Faces, norm: Normalize) -> NDArray[np.float64]:
+    """Colours (N, 3) of faces by their heights and brightness, 0 .. 1."""
+    return palette.lit(palette.HEIGHTS(norm(faces.height))[:, :3], faces.shade)
 
 
 def faces(geometry: Geometry, metres: NDArray[np.float64], azimuth: float) -> Faces:
@@ -73,7 +81,8 @@ def faces(geometry: Geometry, metres: NDArray[np.float64], azimuth: float) -> Fa
     ], axis=2)  # fmt: skip
     visible = np.stack([side_x, side_y, ~np.isnan(top)], axis=2)
     checkered = np.where(np.indices(top.shape).sum(axis=0) % 2, _SHADE_CHECKERED, 1.0)
-    shade = checkered[..., None] * (_SHADE_SIDE_X, _SHADE_SIDE_Y, _SHADE_TOP)
+    relief = palette.hillshade(metres, geometry.resolution)[::step_y, ::step_x]
+    shade = (checkered * relief)[..., None] * (_SHADE_SIDE_X, _SHADE_SIDE_Y, _SHADE_TOP)
     height = np.broadcast_to(top[..., None], visible.shape)
     return Faces(corners=quads[visible], height=height[visible], shade=shade[visible])
 

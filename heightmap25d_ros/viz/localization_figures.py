@@ -18,12 +18,13 @@ from heightmap25d_ros.localization.matching import Cost
 from heightmap25d_ros.localization.surface import Surface
 from heightmap25d_ros.localization.tracker import Attempt
 from heightmap25d_ros.params.sections import RegistrationParams
-from heightmap25d_ros.viz import map_figures
+from heightmap25d_ros.viz import map_figures, palette
 
-_CORRECTED: dict[str, Any] = {"color": "#c020d0", "linewidth": 1.6, "label": "corrected"}
-_ODOMETRY: dict[str, Any] = {"color": "#e4572e", "linewidth": 1.2, "label": "odometry alone"}
-_TRUTH: dict[str, Any] = {"color": "black", "linewidth": 2.6, "label": "truth"}
+_REJECTED: dict[str, Any] = {
+    "color": "0.75", "linewidth": 0.8, "zorder": 0, "label": "registration rejected",
+}  # fmt: skip
 _REACH = 0.75  # [m] around the minimum of the score that are drawn
+_RIM: dict[str, Any] = {"markeredgecolor": "white", "linestyle": "none"}
 _TURN = np.radians(6.0)
 _STEPS = 61
 
@@ -34,10 +35,10 @@ def trajectories(
     """Draw trajectories (N, 3) [m] over the long-term map."""
     figure, axes = map_figures.heights_from_above(long_term)
     if truth is not None:
-        axes.plot(truth[:, 0], truth[:, 1], **_TRUTH)
-    axes.plot(odometry[:, 0], odometry[:, 1], **_ODOMETRY)
-    axes.plot(corrected[:, 0], corrected[:, 1], **_CORRECTED)
-    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.01), ncol=3, frameon=False)
+        axes.plot(truth[:, 0], truth[:, 1], **palette.TRUTH_LINE)
+    axes.plot(odometry[:, 0], odometry[:, 1], **palette.ODOMETRY_LINE)
+    axes.plot(corrected[:, 0], corrected[:, 1], **palette.CORRECTED_LINE)
+    palette.legend_above(axes, [palette.unknown_entry(), *axes.lines])
     map_figures.save(figure, path)
 
 
@@ -58,19 +59,20 @@ def errors(
     refused : (K,) float64 [s]
         When a registration was rejected.
     """
-    figure = Figure(figsize=(10.0, 8.0))
-    names = "position [m]", "z [m]", "yaw [degrees]"
+    figure = Figure(figsize=(9.0, 7.2), layout="constrained")
+    names = "position [m]", "z [m]", "yaw [deg]"
     for row, name in enumerate(names):
         axes = figure.add_subplot(3, 1, row + 1)
-        axes.plot(seconds, odometry[:, row], **_ODOMETRY)
-        axes.plot(seconds, corrected[:, row], **_CORRECTED)
+        axes.plot(seconds, odometry[:, row], **palette.without_rim(palette.ODOMETRY_LINE))
+        axes.plot(seconds, corrected[:, row], **palette.without_rim(palette.CORRECTED_LINE))
         for moment in refused:
-            axes.axvline(moment, color="0.8", linewidth=0.8, zorder=0)
+            axes.axvline(moment, **_REJECTED)
         axes.set(ylabel=f"error of {name}", xlim=(seconds[0], seconds[-1]))
         axes.grid(color="0.9")
         if row == 0:
-            axes.legend(loc="upper left", frameon=False, ncol=2)
-    axes.set_xlabel("time [s]; grey: a registration was refused" if len(refused) else "time [s]")
+            rejected = [palette.line_entry(_REJECTED)] if len(refused) else []
+            palette.legend_above(axes, [*axes.lines[:2], *rejected])
+    axes.set_xlabel("time [s]")
     map_figures.save(figure, path)
 
 
@@ -87,23 +89,31 @@ def score_surface(
         hypothesis = offset + (dx, dy, turn)
         return matching.match(attempt.points, hypothesis, surface, attempt.pivot, cost).score
 
-    figure = Figure(figsize=(12.0, 4.6), layout="constrained")
-    plan, cut = figure.subplots(1, 2)
+    figure = Figure(figsize=(9.4, 4.2), layout="constrained")
+    plan, cut = figure.subplots(1, 2, gridspec_kw={"wspace": 0.12})
     scores = np.array([[score(dx, dy, 0.0) for dx in along] for dy in along])
-    image = plan.imshow(scores, origin="lower", extent=(-_REACH, _REACH) * 2, cmap="viridis")
+    image = plan.imshow(scores, origin="lower", extent=(-_REACH, _REACH) * 2, cmap=palette.SCORES)
     plan.contour(along, along, scores, 10, colors="white", linewidths=0.5)
     figure.colorbar(image, ax=plan, label="score [m]")
     _mark_prior(plan, offset)
     plan.set(xlabel="x from the minimum [m]", ylabel="y from the minimum [m]")
-    cut.plot(np.degrees(turns), [score(0.0, 0.0, turn) for turn in turns], color="#30308f")
-    cut.axvline(0.0, color="0.7", linewidth=0.8)
-    cut.set(xlabel="yaw from the minimum [degrees]", ylabel="score [m]")
+    plan.set_title("score by position (lower is better)", fontsize=palette.TITLE_SIZE)
+    cut.plot(np.degrees(turns), [score(0.0, 0.0, turn) for turn in turns], color=palette.SLOPE)
+    cut.axvline(0.0, color=palette.CORRECTED, linewidth=1.2, label="registered")
+    if abs(offset[2]) < _TURN:
+        prior = -float(np.degrees(offset[2]))
+        cut.axvline(prior, color=palette.ODOMETRY, linewidth=1.2, label="prior")
+    cut.legend(loc="lower right", frameon=True, fontsize=palette.LEGEND_SIZE)
+    cut.set(xlabel="yaw from the minimum [deg]", ylabel="score [m]")
+    cut.set_title("score by yaw", fontsize=palette.TITLE_SIZE)
     cut.grid(color="0.9")
     map_figures.save(figure, path)
 
 
 def _mark_prior(axes: Axes, offset: Array) -> None:
-    axes.plot(0.0, 0.0, "o", color="#c020d0", label="registered")
+    axes.plot(0.0, 0.0, "o", color=palette.CORRECTED, label="registered", markersize=13, **_RIM)
     if np.abs(offset[:2]).max() < _REACH:
-        axes.plot(-offset[0], -offset[1], "x", color="#e4572e", label="prior")
-    axes.legend(loc="lower right", frameon=True)
+        axes.plot(
+            -offset[0], -offset[1], "X", color=palette.ODOMETRY, label="prior", markersize=8, **_RIM
+        )
+    axes.legend(loc="lower right", frameon=True, fontsize=palette.LEGEND_SIZE)

@@ -8,24 +8,23 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.cm import ScalarMappable
 from matplotlib.collections import PolyCollection
-from matplotlib.colors import LinearSegmentedColormap, ListedColormap, Normalize
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Bbox
 from mpl_toolkits.axes_grid1 import make_axes_locatable
 from mpl_toolkits.mplot3d import proj3d
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from heightmap25d_ros.grid.height_map import Area, Geometry, HeightMap
-from heightmap25d_ros.terrain.traversability import ObstacleMap
-from heightmap25d_ros.viz import block_mesh
+from heightmap25d_ros.terrain.traversability import OCCUPIED, ObstacleMap
+from heightmap25d_ros.viz import block_mesh, palette
 
 Trajectory = NDArray[np.float64]
 """(N, 3) [m], map: positions of the robot."""
@@ -34,10 +33,12 @@ MAX_BLOCKS = 200_000
 """Largest number of blocks of the 3-D view; larger maps are shown with larger cells."""
 
 _DPI = 150
-UNKNOWN_COLOUR, _FREE, OCCUPIED_COLOUR = "black", "white", "#e4572e"
-TRAJECTORY: dict[str, Any] = {"color": "#c020d0", "linewidth": 1.6, "solid_capstyle": "round"}
-_LEAST_SPAN = 0.5
-"""Least range of heights of the colours [m], so that noise does not look like terrain."""
+_WIDTH, _HEIGHT = 7.9, 7.0
+"""Largest size of a map from above [inch]: its labels are read on a page of 900 pixels."""
+_FINE = 4
+"""Points along a cell's side for the hatch."""
+_WALL = 0.2
+"""Least height of a wall above the nearest ground [m]."""
 _ELEVATION, _AZIMUTH = 38.0, -62.0
 
 
@@ -57,58 +58,106 @@ def height_map(path: Path | str, shown: HeightMap, trajectory: Trajectory | None
     >>> height_map("heights.png", HeightMap.from_metres(np.eye(8)))
     """
     figure, axes = heights_from_above(shown)
-    _draw_trajectory(axes, trajectory)
+    lines = _draw_trajectory(axes, trajectory)
+    palette.legend_above(axes, [palette.unknown_entry(), *lines])
     save(figure, path)
 
 
 def heights_from_above(shown: HeightMap) -> tuple[Figure, Axes]:
     """A figure of the heights from above, in metres, to draw more into."""
     shown = observed_part(shown)
-    metres = shown.metres
     figure, axes = map_axes(shown.geometry)
-    axes.set_facecolor(UNKNOWN_COLOUR)
-    image = axes.imshow(
-        metres, cmap=terrain_colours(), norm=height_norm(metres), origin="lower",
-        extent=extent(shown.geometry), interpolation="nearest",
-    )  # fmt: skip
+    norm = palette.height_norm(shown.metres)
+    draw_heights(axes, shown, norm)
     side = make_axes_locatable(axes).append_axes("right", size=0.14, pad=0.1)
-    figure.colorbar(image, cax=side, label="height [m]")
+    figure.colorbar(palette.height_scale(norm), cax=side, label="height [m]")
     return figure, axes
 
 
+def draw_heights(axes: Axes, shown: HeightMap, norm: Normalize) -> None:
+    """Draw the heights in colours and hillshade."""
+    axes.set_facecolor(palette.UNKNOWN)
+    picture = palette.relief(shown.metres, shown.geometry.resolution, norm)
+    draw_picture(axes, shown.geometry, picture)
+
+
+def draw_cells(axes: Axes, geometry: Geometry, cells: NDArray[np.bool_], colour: str) -> None:
+    """Draw cells in one colour."""
+    picture = np.zeros((*cells.shape, 4), np.uint8)
+    picture[cells] = (*palette.rgb(colour), 255)
+    draw_picture(axes, geometry, picture)
+
+
+def draw_hatched(axes: Axes, geometry: Geometry, cells: NDArray[np.bool_]) -> None:
+    """Hatch inflated cells; their heights stay visible."""
+    if not cells.any():
+        return
+    fine = np.kron(np.pad(cells, 1), np.ones((_FINE, _FINE)))  # contours along the cells' borders
+    size = geometry.resolution / _FINE
+    x, y = (
+        geometry.origin[axis] - geometry.resolution + size * (np.arange(fine.shape[1 - axis]) + 0.5)
+        for axis in (0, 1)
+    )
+    hatch = palette.HATCH
+    shown = axes.contourf(x, y, fine, [0.5, 1.5], colors="none", hatches=[hatch["hatch"]])
+    shown.set(edgecolor=hatch["edgecolor"], linewidth=hatch["linewidth"])
+
+
+def draw_picture(axes: Axes, geometry: Geometry, picture: NDArray[np.uint8]) -> Any:
+    """Draw a picture (rows, columns, 4) of all cells of a map; returns matplotlib's image."""
+    return axes.imshow(picture, origin="lower", extent=extent(geometry), interpolation="nearest")
+
+
+def walls_without_ground(height_map: HeightMap, occupied: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Cells that are the top of a wall, but not occupied, as the ground beside it is unknown.
+
+    Groups of free cells into which no square of 3 x 3 free cells fits, and which are higher than
+    the nearest ground.
+    """
+    square, is_free = np.ones((3, 3), np.bool_), height_map.known & ~occupied
+    ground = ndimage.binary_erosion(is_free, square)
+    ground = ndimage.binary_propagation(ground, square, mask=is_free)
+    if not ground.any():
+        return np.zeros_like(ground)
+    nearest = ndimage.distance_transform_edt(~ground, return_distances=False, return_indices=True)
+    above = height_map.metres - height_map.metres[tuple(nearest)]
+    return np.asarray(is_free & ~ground & (above > _WALL))
+
+
 def obstacle_map(
-    path: Path | str, shown: ObstacleMap, trajectory: Trajectory | None = None
+    path: Path | str,
+    shown: ObstacleMap,
+    trajectory: Trajectory | None = None,
+    heights: HeightMap | None = None,
 ) -> None:
-    """Draw the obstacle grid as Fig. 2(d): free white, unknown black, obstacles coloured.
+    """Draw the obstacle grid as Fig. 2(d): free white, unknown black, occupied red.
 
     Parameters
     ----------
     path, trajectory :
         As of `height_map`.
     shown : ObstacleMap
+    heights : HeightMap, optional
+        Of that map, to tell walls without known ground from free cells.
     """
     area = _bounding_area(shown.occupancy >= 0)
     geometry = shown.geometry.part(area)
-    occupancy = shown.occupancy[area.slices(_whole(shown.geometry))]
-    figure, axes = map_axes(geometry)
-    axes.imshow(
-        np.searchsorted([-1, 0, 100], occupancy),
-        cmap=ListedColormap([UNKNOWN_COLOUR, _FREE, OCCUPIED_COLOUR]),
-        vmin=0, vmax=2, origin="lower", extent=extent(geometry), interpolation="nearest",
-    )  # fmt: skip
-    patches = [
-        Patch(facecolor=colour, edgecolor="black", linewidth=0.6, label=label)
-        for colour, label in (
-            (_FREE, "free"),
-            (OCCUPIED_COLOUR, "obstacle"),
-            (UNKNOWN_COLOUR, "unknown"),
-        )
+    part = area.slices(_whole(shown.geometry))
+    occupancy = shown.occupancy[part]
+    layers = [
+        (occupancy == 0, palette.FREE, palette.free_entry()),
+        (occupancy == OCCUPIED, palette.OCCUPIED, palette.occupied_entry()),
     ]
-    axes.legend(
-        handles=patches, loc="lower right", bbox_to_anchor=(1.0, 1.01), ncol=3, frameon=False,
-        borderaxespad=0.0,
-    )  # fmt: skip
-    _draw_trajectory(axes, trajectory)
+    if heights is not None:
+        walls = walls_without_ground(heights, shown.occupancy == OCCUPIED)[part]
+        layers.append((walls, palette.WALL, palette.wall_entry()))
+    figure, axes = map_axes(geometry)
+    axes.set_facecolor(palette.UNKNOWN)
+    for cells, colour, _ in layers:
+        draw_cells(axes, geometry, cells, colour)
+    lines = _draw_trajectory(axes, trajectory)
+    entries = [entry for _, _, entry in layers]
+    palette.legend_above(axes, [*entries, palette.unknown_entry(), *lines])
     save(figure, path)
 
 
@@ -122,15 +171,15 @@ def blocks(path: Path | str, shown: HeightMap, trajectory: Trajectory | None = N
     """
     shown = block_mesh.coarser(observed_part(shown), MAX_BLOCKS)
     metres = shown.metres
-    norm = height_norm(metres)
+    norm = palette.height_norm(metres)
     faces = block_mesh.faces(shown.geometry, metres, np.radians(_AZIMUTH))
-    colours = terrain_colours()(norm(faces.height))[:, :3] * faces.shade[:, None]
+    colours = block_mesh.colours(faces, norm)
     limits = extent(shown.geometry)[:2], extent(shown.geometry)[2:], (norm.vmin, norm.vmax)
-    figure = Figure(figsize=(12.0, 9.0))
+    figure = Figure(figsize=(9.6, 7.2))
     axes = _space(figure, np.array(limits))
     axes.add_collection(_Faces(faces.corners, colours), autolim=False)
     if trajectory is not None:
-        axes.plot(*trajectory[:, :3].T, **TRAJECTORY, clip_on=False)
+        axes.plot(*trajectory[:, :3].T, **palette.DRIVEN_LINE, clip_on=False)
     FigureCanvasAgg(figure)
     figure.draw_without_rendering()
     drawn = _drawn_box(axes)
@@ -138,8 +187,13 @@ def blocks(path: Path | str, shown: HeightMap, trajectory: Trajectory | None = N
     width_height = figure.get_size_inches()
     side = figure.add_axes((x / width_height[0], y / width_height[1],
                             0.15 / width_height[0], height / width_height[1]))  # fmt: skip
-    figure.colorbar(ScalarMappable(norm, terrain_colours()), cax=side, label="height [m]")
-    picture = Bbox.union([drawn, Bbox.from_bounds(x, y, 0.9, height)]).padded(0.25)
+    figure.colorbar(palette.height_scale(norm), cax=side, label="height [m]")
+    figure.legend(
+        handles=axes.lines, loc="lower left", frameon=False, fontsize=palette.LEGEND_SIZE,
+        borderaxespad=0.0, borderpad=0.0,
+        bbox_to_anchor=(x / width_height[0], (y + height + 0.25) / width_height[1]),
+    )  # fmt: skip
+    picture = Bbox.union([drawn, Bbox.from_bounds(x, y, 1.2, height + 0.45)]).padded(0.3)
     save(figure, path, picture)
 
 
@@ -160,16 +214,16 @@ def _space(figure: Figure, limits: NDArray[np.float64]) -> Any:
     axes.view_init(elev=_ELEVATION, azim=_AZIMUTH)
     axes.set(xlim=limits[0], ylim=limits[1], zlim=limits[2])
     lengths = limits[:, 1] - limits[:, 0]
-    axes.set_box_aspect(lengths, zoom=1.3)
+    axes.set_box_aspect(lengths, zoom=0.95)
     for axis, length in zip((axes.xaxis, axes.yaxis, axes.zaxis), lengths, strict=True):
         axis.set_major_locator(MaxNLocator(nbins=max(1, round(12 * length / lengths.max()))))
         axis.set_pane_color((0.96, 0.96, 0.96, 1.0))
-    axes.set_xlabel("x [m]", labelpad=26.0)
-    axes.set_ylabel("y [m]", labelpad=12.0)
+    axes.set_xlabel("x [m]", labelpad=46.0)
+    axes.set_ylabel("y [m]", labelpad=18.0)
     if lengths[2] < lengths.max() / 15.0:
         axes.set_zticks([])  # too close to one another to be read; the colours show the height
     else:
-        axes.set_zlabel("z [m]", labelpad=2.0)
+        axes.set_zlabel("z [m]", labelpad=8.0)
     return axes
 
 
@@ -227,7 +281,7 @@ def _whole(geometry: Geometry) -> Area:
 def map_axes(geometry: Geometry) -> tuple[Figure, Axes]:
     """A figure whose axes show the map from above, in metres, at one scale."""
     height, width = (cells * geometry.resolution for cells in geometry.shape)
-    scale = min(11.0 / width, 9.0 / height)
+    scale = min(_WIDTH / width, _HEIGHT / height)
     figure = Figure(figsize=(scale * width + 1.5, scale * height + 1.0))
     axes = figure.add_subplot()
     axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
@@ -240,24 +294,11 @@ def extent(geometry: Geometry) -> tuple[float, float, float, float]:
     return geometry.origin[0], float(x), geometry.origin[1], float(y)
 
 
-def terrain_colours() -> LinearSegmentedColormap:
-    """Colours of matplotlib's terrain without its darkest blue and its white."""
-    return LinearSegmentedColormap.from_list(
-        "terrain", matplotlib.colormaps["terrain"](np.linspace(0.15, 0.97, 256))
-    )
-
-
-def height_norm(metres: NDArray[np.float64]) -> Normalize:
-    """Range of the colours over the finite heights [m], at least half a metre."""
-    known = metres[np.isfinite(metres)]
-    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
-    missing = max(_LEAST_SPAN - (high - low), 0.0)
-    return Normalize(low - missing / 2, high + missing / 2)
-
-
-def _draw_trajectory(axes: Axes, trajectory: Trajectory | None) -> None:
-    if trajectory is not None:
-        axes.plot(trajectory[:, 0], trajectory[:, 1], **TRAJECTORY)
+def _draw_trajectory(axes: Axes, trajectory: Trajectory | None) -> list[Artist]:
+    """Draw the driven path; returns what a legend shows."""
+    if trajectory is None:
+        return []
+    return list(axes.plot(trajectory[:, 0], trajectory[:, 1], **palette.DRIVEN_LINE))
 
 
 def save(figure: Figure, path: Path | str, part: Bbox | str = "tight") -> None:

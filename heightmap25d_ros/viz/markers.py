@@ -16,8 +16,8 @@ from heightmap25d_ros.planning.graph import TransitionGraph
 from heightmap25d_ros.planning.search import UNREACHABLE, CostToGo
 from heightmap25d_ros.terrain.steps import NEIGHBOURS
 from heightmap25d_ros.terrain.traversability import OCCUPIED, ObstacleMap
-from heightmap25d_ros.viz import block_mesh
-from heightmap25d_ros.viz.map_figures import height_norm, observed_part, terrain_colours
+from heightmap25d_ros.viz import block_mesh, palette
+from heightmap25d_ros.viz.map_figures import observed_part
 
 MAX_BLOCKS = 40_000
 """Largest number of blocks; larger maps are shown with larger cells."""
@@ -41,8 +41,7 @@ def blocks(height_map: HeightMap) -> tuple[NDArray[np.float64], NDArray[np.float
     shown = block_mesh.coarser(observed_part(height_map), MAX_BLOCKS)
     metres = shown.metres
     faces = block_mesh.all_faces(shown.geometry, metres)
-    colours = terrain_colours()(height_norm(metres)(faces.height))[:, :3]
-    return faces.corners, colours * faces.shade[:, None]
+    return faces.corners, block_mesh.colours(faces, palette.height_norm(metres))
 
 
 def frontier(height_map: HeightMap, obstacles: ObstacleMap) -> HeightMap:

@@ -17,8 +17,7 @@ from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_map import HeightMap, local_origin
 from heightmap25d_ros.params.sections import PlannerParams, TraversabilityParams
 from heightmap25d_ros.terrain.traversability import OCCUPIED, to_obstacle_map
-from heightmap25d_ros.viz import markers
-from heightmap25d_ros.viz.map_figures import OCCUPIED_COLOUR
+from heightmap25d_ros.viz import markers, palette
 
 try:
     import rerun
@@ -29,8 +28,6 @@ except ImportError:
 TIMELINE = "bag"
 """Name of the timeline: seconds of the bag."""
 
-_OBSTACLE = tuple(int(OCCUPIED_COLOUR[i : i + 2], 16) for i in (1, 3, 5))
-_FRONTIER, _TRAJECTORY, _ROBOT = (255, 0, 200), (25, 255, 0), (220, 30, 30)
 _BODY_HEIGHT = 0.55
 """Height of the box that represents the robot [m]."""
 
@@ -128,26 +125,27 @@ class Scene3d:
         frontier = markers.frontier(height_map, obstacles).known
         self._log("map/blocks", mesh)
         for name, cells, colour in (
-            ("map/obstacles", occupied, _OBSTACLE),
-            ("map/frontier", frontier, _FRONTIER),
+            ("map/obstacles", occupied, palette.OCCUPIED),
+            ("map/frontier", frontier, palette.FRONTIER),
         ):
             tops = self._local(_tops(height_map, cells))
-            self._log(name, rerun.Points3D(tops, colors=colour, radii=radius))
+            self._log(name, rerun.Points3D(tops, colors=palette.rgb(colour), radii=radius))
 
     def show_trajectory(self, positions: NDArray[np.float64]) -> None:
         """Show the trajectory of the robot: (N, 3) [m], map."""
-        self._log(
-            "trajectory",
-            rerun.LineStrips3D([self._local(positions)], colors=_TRAJECTORY, radii=0.03),
+        line = rerun.LineStrips3D(
+            [self._local(positions)], colors=palette.rgb(palette.DRIVEN), radii=0.03
         )
+        self._log("trajectory", line)
 
     def show_robot(self, T_map_base: se3.Matrix) -> None:
         """Show the robot at a pose."""
         position = self._local(T_map_base[:3, 3])
         pose = rerun.Transform3D(translation=position, mat3x3=T_map_base[:3, :3])
         box = rerun.Boxes3D(
-            sizes=[self._size], centers=[(0.0, 0.0, _BODY_HEIGHT / 2)], colors=_ROBOT
-        )
+            sizes=[self._size], centers=[(0.0, 0.0, _BODY_HEIGHT / 2)],
+            colors=palette.rgb(palette.ROBOT),
+        )  # fmt: skip
         self._log("robot", pose, box)
 
     def _local(self, points: Array) -> Array:

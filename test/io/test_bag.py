@@ -266,6 +266,7 @@ def test_a_truncated_bag_is_read_as_far_as_it_goes(tmp_path, storage, compressio
         assert part < 0.9 or compression is CompressionMode.FILE
 
 
+@pytest.mark.slow
 @draws(60)
 @given(st.sampled_from([StoragePlugin.SQLITE3, StoragePlugin.MCAP]), st.integers(0, 2**32 - 1))
 def test_damage_anywhere_is_told_or_skipped(tmp_path_factory, storage, seed):

@@ -402,6 +402,7 @@ def killed_after(seconds: float, directory: Path) -> None:
         assert process.wait() == -signal.SIGKILL
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("attempt", range(6))
 def test_killed_while_saving(tmp_path: Path, attempt: int) -> None:
     directory = tmp_path / "room"

@@ -64,6 +64,7 @@ def short_term(place, rng, pose, noise=0.025, reach=4.0) -> RegistrationPoints:
     )
 
 
+@pytest.mark.slow
 def test_random_offsets_are_found():
     errors = []
     for seed in range(30):
