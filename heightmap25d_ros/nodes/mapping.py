@@ -10,43 +10,25 @@ from pathlib import Path
 from typing import Any
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from nav_msgs.msg import OccupancyGrid, Odometry
+from nav_msgs.msg import Odometry
 from nav_msgs.srv import GetMap
-from sensor_msgs.msg import LaserScan, PointCloud2, PointField
-from std_msgs.msg import Float32MultiArray, MultiArrayDimension
+from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
-from heightmap25d_msgs.msg import HeightGrid as HeightGridMessage
 from heightmap25d_msgs.msg import LocalizationStatus
 from heightmap25d_msgs.srv import LoadMap, SaveMap
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.io import encode, layers_file, map_directory
 from heightmap25d_ros.nodes import map_transform, qos, runtime
 from heightmap25d_ros.nodes.interface import Input, Output, Service
 from heightmap25d_ros.nodes.lifecycle import REPORT_PERIOD, ManagedNode
+from heightmap25d_ros.nodes.map_messages import TOPICS, message_of
 from heightmap25d_ros.nodes.map_transform import AnchorTransform, MapTransform
 from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.input_watch import InputWatch
 from heightmap25d_ros.pipelines.mapping import Mapping, compile_kernels
 from heightmap25d_ros.pipelines.scan_queue import Reading
-from heightmap25d_ros.terrain.traversability import ObstacleMap
-
-try:
-    from grid_map_msgs.msg import GridMap
-except ImportError:
-    GridMap = None
-
-_Maps = tuple[HeightMap, ObstacleMap]
-_MAPS = {
-    "height_grid": HeightGridMessage,
-    "map": OccupancyGrid,
-    "cost_map": OccupancyGrid,
-    "height_points": PointCloud2,
-}
-if GridMap is not None:
-    _MAPS["grid_map"] = GridMap
 
 
 class MappingNode(ManagedNode):
@@ -82,7 +64,7 @@ class MappingNode(ManagedNode):
 
     def outputs(self) -> list[Output]:
         """The maps and their frame, and map -> odom where nobody else publishes it."""
-        maps = [Output(kind, topic, qos.LATCHED) for topic, kind in _MAPS.items()]
+        maps = [Output(kind, topic, qos.LATCHED) for topic, kind in TOPICS.items()]
         maps.append(Output(TFMessage, "/tf_static", qos.STATIC_TRANSFORMS))
         is_wanted = self.params.mapping.publish_transform
         return [*maps, *([Output(TFMessage, "/tf", qos.POSES)] if is_wanted else [])]
@@ -199,7 +181,7 @@ class MappingNode(ManagedNode):
             self.publish("/tf_static", moved)
         due = [
             topic
-            for topic in _MAPS
+            for topic in TOPICS
             if self._version
             and self._published.get(topic) != self._version
             and self.has_subscribers(topic)
@@ -212,30 +194,9 @@ class MappingNode(ManagedNode):
             self.get_logger().error(str(error), throttle_duration_sec=REPORT_PERIOD)
             return
         for topic in due:
-            self._publish_to(topic, maps)
+            stamp, frame = self._mapping.stamp_ns, self._frame
+            self.publish(topic, message_of(topic, maps, stamp, frame, self._anchor))
             self._published[topic] = self._version
-
-    def _publish_to(self, topic: str, maps: _Maps) -> None:
-        height_map, obstacle_map = maps
-        stamp, geometry = self._mapping.stamp_ns, height_map.geometry
-        message: Any
-        if topic == "height_grid":
-            message = HeightGridMessage()
-            encode.fill_height_grid(message, height_map, stamp, self._frame)
-        elif topic == "height_points":
-            message = PointCloud2()
-            frame, origin = self._anchor.frame, self._anchor.origin
-            encode.fill_height_points(message, PointField, height_map, stamp, frame, origin)
-        elif topic == "grid_map":
-            message = GridMap()
-            encode.fill_grid_map(
-                message, Float32MultiArray, MultiArrayDimension, height_map, stamp, self._frame
-            )
-        else:
-            cells = obstacle_map.occupancy if topic == "map" else obstacle_map.cost
-            message = OccupancyGrid()
-            encode.fill_occupancy_grid(message, cells, geometry, stamp, self._frame)
-        self.publish(topic, message)
 
     def _path(self, name: str) -> Path:
         return map_directory.map_path(Path(self.params.mapping.map_directory), name)

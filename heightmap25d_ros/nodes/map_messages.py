@@ -1,0 +1,67 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The topics on which a map is published, and their messages."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from nav_msgs.msg import OccupancyGrid
+from sensor_msgs.msg import PointCloud2, PointField
+from std_msgs.msg import Float32MultiArray, MultiArrayDimension
+
+from heightmap25d_msgs.msg import HeightGrid
+from heightmap25d_ros.grid.height_map import HeightMap
+from heightmap25d_ros.io import encode
+from heightmap25d_ros.nodes.map_transform import AnchorTransform
+from heightmap25d_ros.terrain.traversability import ObstacleMap
+
+try:
+    from grid_map_msgs.msg import GridMap
+except ImportError:
+    GridMap = None
+
+Maps = tuple[HeightMap, ObstacleMap]
+
+TOPICS = {
+    "height_grid": HeightGrid,
+    "map": OccupancyGrid,
+    "cost_map": OccupancyGrid,
+    "height_points": PointCloud2,
+}
+"""Type of the message of each topic."""
+
+if GridMap is not None:
+    TOPICS["grid_map"] = GridMap
+
+
+def message_of(topic: str, maps: Maps, stamp: int, frame: str, anchor: AnchorTransform) -> Any:
+    """The message of one of `TOPICS`.
+
+    Parameters
+    ----------
+    topic : str
+    maps : (HeightMap, ObstacleMap)
+        Of the same cells.
+    stamp : int [ns]
+    frame : str
+        Of the map.
+    anchor : AnchorTransform
+        Frame and position of points in single precision.
+    """
+    height_map, obstacle_map = maps
+    message = TOPICS[topic]()
+    if topic == "height_grid":
+        encode.fill_height_grid(message, height_map, stamp, frame)
+    elif topic == "height_points":
+        encode.fill_height_points(
+            message, PointField, height_map, stamp, anchor.frame, anchor.origin
+        )
+    elif topic == "grid_map":
+        encode.fill_grid_map(
+            message, Float32MultiArray, MultiArrayDimension, height_map, stamp, frame
+        )
+    else:
+        cells = obstacle_map.occupancy if topic == "map" else obstacle_map.cost
+        encode.fill_occupancy_grid(message, cells, height_map.geometry, stamp, frame)
+    return message
