@@ -18,6 +18,7 @@ from heightmap25d_ros.grid.height_map import Geometry, HeightMap
 from heightmap25d_ros.params.sections import PlannerParams, TraversabilityParams
 from heightmap25d_ros.terrain.traversability import OCCUPIED, to_obstacle_map
 from heightmap25d_ros.viz import map_figures, palette
+from heightmap25d_ros.viz.walls import walls_without_ground
 
 EVERY = 1.5  # [s], simulated, between two frames
 FRAMES_PER_SECOND = 5
@@ -96,7 +97,7 @@ def _show_map(
         return
     picture = palette.relief(shown.metres, shown.geometry.resolution, norm)
     occupied = to_obstacle_map(shown, TraversabilityParams()).occupancy == OCCUPIED
-    walls = map_figures.walls_without_ground(shown, occupied)
+    walls = walls_without_ground(shown, occupied)
     for cells, colour in ((walls, palette.WALL), (occupied, palette.OCCUPIED)):
         picture[cells] = (*palette.rgb(colour), 255)
     artists["cells"].set_data(_placed(geometry, shown.geometry, picture))

@@ -204,7 +204,7 @@ def goals(path: Path, bag: Path, stored: Path) -> None:
         Line2D([], [], marker="x", color=palette.DRIVEN,
                label="unreachable goal, refused", **marks),
         Line2D([], [], marker="o", color=ODD, markeredgecolor="black",
-               label="unreachable goal, accepted", **marks),
+               label="unreachable goal, found", **marks),
         palette.free_entry(), palette.cell_entry(palette.WALL, "inflated"),
         palette.occupied_entry(), palette.unknown_entry(),
     ))  # fmt: skip

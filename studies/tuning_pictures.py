@@ -34,6 +34,7 @@ from heightmap25d_ros.planning.plan import Pose2D
 from heightmap25d_ros.planning.planner import Planner
 from heightmap25d_ros.terrain.traversability import INFLATED, OCCUPIED, to_obstacle_map
 from heightmap25d_ros.viz import map_figures, palette
+from heightmap25d_ros.viz.walls import walls_without_ground
 
 ROOT = Path(__file__).resolve().parent.parent
 WIDTH, DPI = 8.0, 110  # [inch], [1/inch]
@@ -129,7 +130,7 @@ def mapped(name: str, params: Params) -> HeightMap:
 def draw_obstacles(axes: Axes, shown: HeightMap, norm: Normalize, params: Params) -> str:
     map_figures.draw_heights(axes, shown, norm)
     occupied = to_obstacle_map(shown, params.traversability).occupancy == OCCUPIED
-    walls = map_figures.walls_without_ground(shown, occupied)
+    walls = walls_without_ground(shown, occupied)
     map_figures.draw_cells(axes, shown.geometry, walls, palette.WALL)
     map_figures.draw_cells(axes, shown.geometry, occupied, palette.OCCUPIED)
     return ""

@@ -20,11 +20,10 @@ from matplotlib.transforms import Bbox
 from mpl_toolkits.axes_grid1 import make_axes_locatable
 from mpl_toolkits.mplot3d import proj3d
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from heightmap25d_ros.grid.height_map import Area, Geometry, HeightMap
 from heightmap25d_ros.terrain.traversability import OCCUPIED, ObstacleMap
-from heightmap25d_ros.viz import block_mesh, palette
+from heightmap25d_ros.viz import block_mesh, palette, walls
 
 Trajectory = NDArray[np.float64]
 """(N, 3) [m], map: positions of the robot."""
@@ -37,8 +36,6 @@ _WIDTH, _HEIGHT = 7.9, 7.0
 """Largest size of a map from above [inch]: its labels are read on a page of 900 pixels."""
 _FINE = 4
 """Points along a cell's side for the hatch."""
-_WALL = 0.2
-"""Least height of a wall above the nearest ground [m]."""
 _ELEVATION, _AZIMUTH = 38.0, -62.0
 
 
@@ -55,7 +52,7 @@ def height_map(path: Path | str, shown: HeightMap, trajectory: Trajectory | None
 
     Examples
     --------
-    >>> height_map("heights.png", HeightMap.from_metres(np.eye(8)))
+    >>> height_map("heights.png", HeightMap.from_metres(np.eye(8)))  # doctest: +SKIP
     """
     figure, axes = heights_from_above(shown)
     lines = _draw_trajectory(axes, trajectory)
@@ -108,22 +105,6 @@ def draw_picture(axes: Axes, geometry: Geometry, picture: NDArray[np.uint8]) -> 
     return axes.imshow(picture, origin="lower", extent=extent(geometry), interpolation="nearest")
 
 
-def walls_without_ground(height_map: HeightMap, occupied: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Cells that are the top of a wall, but not occupied, as the ground beside it is unknown.
-
-    Groups of free cells into which no square of 3 x 3 free cells fits, and which are higher than
-    the nearest ground.
-    """
-    square, is_free = np.ones((3, 3), np.bool_), height_map.known & ~occupied
-    ground = ndimage.binary_erosion(is_free, square)
-    ground = ndimage.binary_propagation(ground, square, mask=is_free)
-    if not ground.any():
-        return np.zeros_like(ground)
-    nearest = ndimage.distance_transform_edt(~ground, return_distances=False, return_indices=True)
-    above = height_map.metres - height_map.metres[tuple(nearest)]
-    return np.asarray(is_free & ~ground & (above > _WALL))
-
-
 def obstacle_map(
     path: Path | str,
     shown: ObstacleMap,
@@ -149,8 +130,8 @@ def obstacle_map(
         (occupancy == OCCUPIED, palette.OCCUPIED, palette.occupied_entry()),
     ]
     if heights is not None:
-        walls = walls_without_ground(heights, shown.occupancy == OCCUPIED)[part]
-        layers.append((walls, palette.WALL, palette.wall_entry()))
+        hidden = walls.walls_without_ground(heights, shown.occupancy == OCCUPIED)[part]
+        layers.append((hidden, palette.WALL, palette.wall_entry()))
     figure, axes = map_axes(geometry)
     axes.set_facecolor(palette.UNKNOWN)
     for cells, colour, _ in layers:

@@ -79,8 +79,9 @@ def hillshade(metres: NDArray[np.float64], resolution: float) -> NDArray[np.floa
 
     Examples
     --------
-    >>> hillshade(np.array([[0.0, 0.0, 0.0, 0.1, 0.1, 0.1]]), 0.125).round(2)
-    array([[1.  , 1.  , 0.79, 0.97, 1.  , 1.  ]])
+    >>> step = np.tile([0.0, 0.0, 0.0, 0.1, 0.1, 0.1], (3, 1))
+    >>> hillshade(step, 0.125)[1].round(2)
+    array([1.  , 1.  , 0.88, 1.39, 1.  , 1.  ])
     """
     rows, columns = metres.shape
     padded = np.pad(metres, 1, constant_values=np.nan)

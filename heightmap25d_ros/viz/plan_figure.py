@@ -17,6 +17,7 @@ from heightmap25d_ros.params.sections import PlannerParams
 from heightmap25d_ros.planning.graph import TransitionGraph
 from heightmap25d_ros.planning.plan import Plan
 from heightmap25d_ros.viz import map_figures, palette
+from heightmap25d_ros.viz.walls import walls_without_ground
 
 _FOOTPRINT_EVERY = 1.0
 """Distance between the footprints that are drawn along the path [m]."""
@@ -67,7 +68,7 @@ def draw(
 
 
 def _draw_cells(axes: Axes, height_map: HeightMap, graph: TransitionGraph) -> None:
-    walls = map_figures.walls_without_ground(height_map, graph.occupied)
+    walls = walls_without_ground(height_map, graph.occupied)
     hatched = height_map.known & ~graph.enterable & ~graph.occupied & ~walls
     map_figures.draw_hatched(axes, graph.geometry, hatched)
     map_figures.draw_cells(axes, graph.geometry, walls, palette.WALL)

@@ -108,7 +108,8 @@ def test_malformed_messages_are_counted_by_kind_and_field():
 
 
 def test_returns_that_do_not_fit_into_the_map_are_counted():
-    m = mapping(**{"sensor.max_height": 327.0})
+    fast = {"odometry.max_speed": 1e6, "odometry.max_climb_rate": 1e6}
+    m = mapping(**{"sensor.max_height": 327.0} | fast)
     m.take_odometry(pose(0))
     m.take_scan("scan", scan(0, 1.0))
     m.take_odometry(pose(20, x=30.0, z=400.0))

@@ -13,6 +13,7 @@ from PIL import Image
 
 from heightmap25d_ros.grid.height_map import Geometry, HeightMap
 from heightmap25d_ros.viz import map_figures, palette
+from heightmap25d_ros.viz.walls import walls_without_ground
 
 ROWS, COLUMNS = 30, 60
 GEOMETRY = Geometry(resolution=0.1, origin=(-2.0, 1.0), shape=(ROWS, COLUMNS))
@@ -129,7 +130,7 @@ def test_walls_without_ground_are_told_from_ground() -> None:
     metres[6, 11:13] = 0.05  # a bit of ground
     metres[9:, 15:] = 1.5  # a platform
     shown = HeightMap.from_metres(metres)
-    walls = map_figures.walls_without_ground(shown, np.zeros(metres.shape, bool))
+    walls = walls_without_ground(shown, np.zeros(metres.shape, bool))
     expected = np.zeros(metres.shape, bool)
     expected[2, 11:15] = True
     np.testing.assert_array_equal(walls, expected)
