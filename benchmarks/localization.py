@@ -101,7 +101,7 @@ def _material(seed: int) -> tuple[RegistrationPoints, Surface, np.ndarray]:
 
 
 def _ours(points: RegistrationPoints, surface: Surface) -> np.ndarray:
-    return register(points, (0.0, 0.0), surface, PRIOR, PARAMS).offset
+    return register(points, surface, PRIOR, PARAMS).offset
 
 
 def _cells(boxes: np.ndarray, pose: np.ndarray) -> np.ndarray:
@@ -142,7 +142,7 @@ def _kernel_seconds(points: RegistrationPoints, surface: Surface) -> float:
     steps = np.arange(-5, 5)
     yaws = np.linspace(-REACH[2], REACH[2], SAMPLE_KERNEL // 100)
     began = time.perf_counter()
-    matching.search(points, matching.Window(steps, steps, yaws), surface, (0.0, 0.0), COST)
+    matching.search(points, matching.Window(steps, steps, yaws), surface, COST)
     return (time.perf_counter() - began) / SAMPLE_KERNEL * _hypotheses()
 
 

@@ -36,7 +36,6 @@ _Z_RANGE = 3.0  # [m]
 
 def relocalize(
     points: RegistrationPoints,
-    pivot: tuple[float, float],
     surface: Surface,
     params: RegistrationParams,
 ) -> Registration:
@@ -46,8 +45,6 @@ def relocalize(
     ----------
     points : RegistrationPoints
         Relative to the pivot.
-    pivot : (2,) float [m], map
-        The previous estimate of the robot's position: the origin of the offset, nothing else.
     surface : Surface
     params : RegistrationParams
 
@@ -63,18 +60,18 @@ def relocalize(
     scale = scale_of(points, surface)
     steps = np.outer(_STEPS, scale)
     minima = np.array([
-        matching.descend(some, start, steps, surface, pivot, cost)
-        for start in _starts(points, pivot, surface, cost)
+        matching.descend(some, start, steps, surface, cost)
+        for start in _starts(points, surface, cost)
     ])  # fmt: skip
     scores = np.array([
-        matching.match(some, minimum, surface, pivot, cost).score for minimum in minima
+        matching.match(some, minimum, surface, cost).score for minimum in minima
     ])  # fmt: skip
     best = int(scores.argmin())
     apart = minima - minima[best]
     apart[:, 2] = np.angle(np.exp(1j * apart[:, 2]))
     is_other = np.linalg.norm(apart / scale, axis=1) > _DISTINCT
     ratio = float(scores[best] / scores[is_other].min()) if is_other.any() else 0.0
-    found = matching.match(points, minima[best], surface, pivot, cost)
+    found = matching.match(points, minima[best], surface, cost)
     reason = Reason.ACCEPTED
     if found.overlap < params.min_overlap:
         reason = Reason.LITTLE_OVERLAP
@@ -88,9 +85,7 @@ def relocalize(
     )  # fmt: skip
 
 
-def _starts(
-    points: RegistrationPoints, pivot: tuple[float, float], surface: Surface, cost: Cost
-) -> Array:
+def _starts(points: RegistrationPoints, surface: Surface, cost: Cost) -> Array:
     """The best hypotheses (B, 3) of the whole map that are not adjacent to one another."""
     coarse = coarser(surface)
     few = points.some(search_points(points, _POINTS))
@@ -99,12 +94,12 @@ def _starts(
     rows, columns = coarse.heights.shape
     corner = coarse.origin[0] + 0.5 * coarse.resolution, coarse.origin[1] + 0.5 * coarse.resolution
     window = Window(np.arange(columns), np.arange(rows), yaws)
-    scores = matching.search(few, window, coarse, corner, cost)
+    scores = matching.search(few._replace(pivot=corner), window, coarse, cost)
     found = []
     for _ in range(_MINIMA):
         w, iy, ix = (int(k) for k in np.unravel_index(scores.argmin(), scores.shape))
         x, y = corner[0] + ix * coarse.resolution, corner[1] + iy * coarse.resolution
-        found.append((x - pivot[0], y - pivot[1], yaws[w]))
+        found.append((x - points.pivot[0], y - points.pivot[1], yaws[w]))
         adjacent = np.arange(w - _APART, w + _APART + 1) % count
         rows_, columns_ = (slice(max(k - _APART, 0), k + _APART + 1) for k in (iy, ix))
         scores[adjacent, rows_, columns_] = np.inf

@@ -29,6 +29,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.kernels import inlined_kernel, kernel
 from heightmap25d_ros.localization.surface import BORDER, Surface
 
@@ -48,15 +49,25 @@ class RegistrationPoints(NamedTuple):
     is_edge : (N,) bool
     weight : (N,) float64
         Of each point in the score.
+    pivot : (2,) float [m], map
+        What a hypothesis turns the points about: the robot at the prior pose.
     """
 
     xyz: NDArray[np.float64]
     is_edge: NDArray[np.bool_]
     weight: NDArray[np.float64]
+    pivot: tuple[float, float] = (0.0, 0.0)
 
     def some(self, index: NDArray[np.int64]) -> RegistrationPoints:
         """The points of an index."""
-        return RegistrationPoints(self.xyz[index], self.is_edge[index], self.weight[index])
+        return RegistrationPoints(
+            self.xyz[index], self.is_edge[index], self.weight[index], self.pivot
+        )
+
+    @property
+    def arrays(self) -> tuple[Array, NDArray[np.bool_], Array]:
+        """The points without the pivot, as the kernels take them."""
+        return self.xyz, self.is_edge, self.weight
 
 
 class Cost(NamedTuple):
@@ -115,7 +126,6 @@ def match(
     points: RegistrationPoints,
     hypothesis: NDArray[np.float64],
     surface: Surface,
-    pivot: tuple[float, float],
     cost: Cost,
 ) -> Match:
     """Score of a hypothesis, with sub-cell accuracy.
@@ -128,19 +138,19 @@ def match(
     hypothesis : (3,) float64 [m, m, rad]
         x, y, yaw.
     surface : Surface
-    pivot : (2,) float [m], map
     cost : Cost
     """
     x, y, yaw = hypothesis
     counts = np.zeros(_BINS, np.int64)
-    return Match(*_match(*points, x, y, yaw, _cells(surface, pivot), tuple(cost), counts))
+    return Match(
+        *_match(*points.arrays, x, y, yaw, _cells(surface, points.pivot), tuple(cost), counts)
+    )
 
 
 def search(
     points: RegistrationPoints,
     window: Window,
     surface: Surface,
-    pivot: tuple[float, float],
     cost: Cost,
 ) -> NDArray[np.float64]:
     """Scores of all hypotheses of a window; the cost of a point is that of its own cell.
@@ -154,7 +164,7 @@ def search(
     (W, Y, X) float64 [m]
     """
     scores = np.empty((len(window.yaw), len(window.y), len(window.x)))
-    _search(*points, *window, _cells(surface, pivot), tuple(cost), scores)
+    _search(*points.arrays, *window, _cells(surface, points.pivot), tuple(cost), scores)
     return scores
 
 
@@ -163,7 +173,6 @@ def descend(
     hypothesis: NDArray[np.float64],
     steps: NDArray[np.float64],
     surface: Surface,
-    pivot: tuple[float, float],
     cost: Cost,
 ) -> NDArray[np.float64]:
     """The hypothesis (3,) at the minimum of the score around another one.
@@ -174,7 +183,8 @@ def descend(
         For each step the best of the 26 neighbours is taken until none is better.
     """
     return np.asarray(
-        _descend(*points, hypothesis, steps, _cells(surface, pivot), tuple(cost)), np.float64
+        _descend(*points.arrays, hypothesis, steps, _cells(surface, points.pivot), tuple(cost)),
+        np.float64,
     )
 
 

@@ -27,9 +27,7 @@ _SPREAD = 0.5  # [steps] assumed standard deviation of the average
 _VALID = 0.5  # least share of the largest number of valid cells
 
 
-def register_by_paper(
-    points: RegistrationPoints, pivot: tuple[float, float], surface: Surface, prior: Array
-) -> Registration:
+def register_by_paper(points: RegistrationPoints, surface: Surface, prior: Array) -> Registration:
     """Register points against the long-term map; parameters as in `registration.register`."""
     widths = np.minimum(SIGMAS * np.sqrt(np.diag(prior)), _REACH)
     steps = np.array([surface.resolution, surface.resolution, _ANGLE])
@@ -38,7 +36,7 @@ def register_by_paper(
         for n, step in zip(np.ceil(widths / steps).astype(int), steps, strict=True)
     ]
     hypotheses = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    results = np.array([_difference(points, h, surface, pivot) for h in hypotheses])
+    results = np.array([_difference(points, h, surface) for h in hypotheses])
     means = results[:, 0] / np.maximum(results[:, 1], 1)
     valid = results[:, 1] > _VALID * results[:, 1].max()
     if not valid.any():
@@ -47,7 +45,7 @@ def register_by_paper(
     good = valid & (means <= _GOOD * best)
     weights = 1.0 / np.maximum(means[good], 1e-9)
     offset = np.average(hypotheses[good], axis=0, weights=weights)
-    _, count, z, residual = _difference(points, offset, surface, pivot)
+    _, count, z, residual = _difference(points, offset, surface)
     return Registration(
         reason=Reason.ACCEPTED, offset=offset, z=z,
         information=np.diag(1.0 / (_SPREAD * steps) ** 2),
@@ -56,12 +54,13 @@ def register_by_paper(
 
 
 def _difference(
-    points: RegistrationPoints, hypothesis: Array, surface: Surface, pivot: tuple[float, float]
+    points: RegistrationPoints, hypothesis: Array, surface: Surface
 ) -> tuple[float, int, float, float]:
     """Sum of the absolute differences, number of cells, median difference, mean [m]."""
     x, y, yaw = hypothesis
     cos, sin = np.cos(yaw), np.sin(yaw)
     px, py, pz = points.xyz.T
+    pivot = points.pivot
     ix = np.floor((pivot[0] + x + cos * px - sin * py - surface.origin[0]) / surface.resolution)
     iy = np.floor((pivot[1] + y + sin * px + cos * py - surface.origin[1]) / surface.resolution)
     rows, columns = surface.heights.shape

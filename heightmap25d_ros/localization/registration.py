@@ -91,19 +91,20 @@ class Registration:
 
 def to_registration_points(
     cells: LocalCells, T_map_odom: se3.Matrix, T_odom_base: se3.Matrix
-) -> tuple[RegistrationPoints, tuple[float, float]]:
-    """Points of a short-term map, and the pivot (2,) [m], map: the position of the robot."""
+) -> RegistrationPoints:
+    """Points of a short-term map about the robot, which is the pivot."""
     x, y = (T_map_odom @ T_odom_base)[:2, 3]
     xyz = se3.transform_points(T_map_odom, cells.xyz) - (x, y, 0.0)
-    points = RegistrationPoints(
-        np.ascontiguousarray(xyz), cells.is_edge, np.exp(-cells.age / _FRESH)
+    return RegistrationPoints(
+        np.ascontiguousarray(xyz),
+        cells.is_edge,
+        np.exp(-cells.age / _FRESH),
+        (float(x), float(y)),
     )
-    return points, (float(x), float(y))
 
 
 def register(
     points: RegistrationPoints,
-    pivot: tuple[float, float],
     surface: Surface,
     prior: Array,
     params: RegistrationParams,
@@ -114,8 +115,6 @@ def register(
     ----------
     points : RegistrationPoints
         At the prior pose.
-    pivot : (2,) float [m], map
-        Position of the robot.
     surface : Surface
     prior : (3, 3) float64
         Covariance of x, y, yaw of the prior pose.
@@ -128,21 +127,19 @@ def register(
     few = points.some(search_points(points, params.search_points))
     window = _window(prior, scale, params)
     precision = np.asarray(np.linalg.inv(prior), np.float64)
-    starts = _minima(few, window, surface, pivot, cost, precision)
+    starts = _minima(few, window, surface, cost, precision)
     minima = np.array([
-        matching.descend(few, start, np.outer(_COARSE_STEPS, scale), surface, pivot, cost)
+        matching.descend(few, start, np.outer(_COARSE_STEPS, scale), surface, cost)
         for start in starts
     ])  # fmt: skip
     scores = np.array([
-        matching.match(few, minimum, surface, pivot, cost).score for minimum in minima
+        matching.match(few, minimum, surface, cost).score for minimum in minima
     ]) + _penalty(minima, precision, cost)  # fmt: skip
     best = int(scores.argmin())
     fine = points.some(search_points(points, _FINE_POINTS))
-    offset = matching.descend(
-        fine, minima[best], np.outer(_FINE_STEPS, scale), surface, pivot, cost
-    )
-    found = matching.match(points, offset, surface, pivot, cost)
-    values, directions = curvature(fine, offset, surface, pivot, cost, scale)
+    offset = matching.descend(fine, minima[best], np.outer(_FINE_STEPS, scale), surface, cost)
+    found = matching.match(points, offset, surface, cost)
+    values, directions = curvature(fine, offset, surface, cost, scale)
     is_observed = values > 2 * params.min_curvature
     directions, values = directions[:, is_observed], values[is_observed]
     information = _information(values, directions, scale)
@@ -172,7 +169,6 @@ def curvature(
     points: RegistrationPoints,
     offset: Array,
     surface: Surface,
-    pivot: tuple[float, float],
     cost: Cost,
     scale: Array,
 ) -> tuple[Array, Array]:
@@ -186,7 +182,7 @@ def curvature(
     """
 
     def value(*steps: float) -> float:
-        return matching.match(points, offset + scale * steps, surface, pivot, cost).score
+        return matching.match(points, offset + scale * steps, surface, cost).score
 
     unit = np.eye(3)
     middle = value(0.0, 0.0, 0.0)
@@ -235,13 +231,12 @@ def _minima(
     points: RegistrationPoints,
     window: Window,
     surface: Surface,
-    pivot: tuple[float, float],
     cost: Cost,
     precision: Array,
 ) -> Array:
     """The best hypotheses (B, 3) of a window that are not adjacent to one another."""
     x, y, yaw = window
-    scores = matching.search(points, window, surface, pivot, cost)
+    scores = matching.search(points, window, surface, cost)
     hypotheses = np.stack(np.meshgrid(yaw, y, x, indexing="ij"), axis=-1)[..., ::-1].copy()
     hypotheses[..., :2] *= surface.resolution
     scores += _penalty(hypotheses, precision, cost)

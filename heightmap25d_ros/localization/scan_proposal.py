@@ -36,7 +36,7 @@ COARSE = 0.12
 _SURER = 0.5  # deviation, over that before, to which scans must prove a pose that is proposed
 _DISPLACED = np.diag(np.square([0.3, 0.3, 0.1]))  # added to the prior where scans contradict it
 
-_Proven = tuple[ScanFilter, Registration, RegistrationPoints, tuple[float, float]]
+_Proven = tuple[ScanFilter, Registration, RegistrationPoints]
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,14 +61,14 @@ class Proposal:
     def proven(
         self, returns: Array, surface: Surface, landmarks: Landmarks, params: Params
     ) -> _Proven | None:
-        """The estimate at the registered pose, the registration, its points and pivot.
+        """The estimate at the registered pose, the registration, and its points.
 
         None where the short-term map does not register, or returns (N, 3) [m, odom] do not agree.
         """
         estimate, contradicts = self.estimate, self.found.reason in CONTRADICTIONS
         covariance = estimate.covariance + _DISPLACED if contradicts else estimate.covariance
-        points, pivot = to_registration_points(self.seen, estimate.T_map_odom, self.T_odom_base)
-        found = register(points, pivot, surface, covariance, params.registration)
+        points = to_registration_points(self.seen, estimate.T_map_odom, self.T_odom_base)
+        found = register(points, surface, covariance, params.registration)
         if found.reason not in (Reason.ACCEPTED, Reason.FAR_FROM_PRIOR):
             return None
         x, y, yaw = found.offset
@@ -85,13 +85,13 @@ class Proposal:
             return None
         if not contradicts and trial.deviation[0] > _SURER * estimate.deviation[0]:
             return None
-        return trial, replace(found, reason=Reason.ACCEPTED), points, pivot
+        return trial, replace(found, reason=Reason.ACCEPTED), points
 
 
 def returns_to_points(
     returns: Array, T_map_odom: se3.Matrix, T_odom_base: se3.Matrix, landmarks: Landmarks
-) -> tuple[RegistrationPoints, tuple[float, float]]:
-    """Returns (N, 3) [m, odom] as a registration takes its points, and where the robot is."""
+) -> RegistrationPoints:
+    """Returns (N, 3) [m, odom] as a registration takes its points, about the robot."""
     x, y = (T_map_odom @ T_odom_base)[:2, 3]
     xyz = se3.transform_points(T_map_odom, returns)
     lowest = landmarks.lowest
@@ -101,5 +101,5 @@ def returns_to_points(
         for index, count in zip(cells.T[::-1], lowest.shape, strict=True)
     )
     is_edge = xyz[:, 2] > lowest[rows, columns] + ELEVATED
-    points = RegistrationPoints(xyz - (x, y, 0.0), is_edge, np.ones(len(xyz)))
-    return points, (float(x), float(y))
+    pivot = float(x), float(y)
+    return RegistrationPoints(xyz - (x, y, 0.0), is_edge, np.ones(len(xyz)), pivot)

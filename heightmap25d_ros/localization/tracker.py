@@ -66,8 +66,6 @@ class Attempt:
         Standard deviations of position and yaw after it.
     points : RegistrationPoints
         The registered points at the prior pose.
-    pivot : (2,) float [m], map
-        Position of the robot at the prior pose.
     """
 
     stamp_ns: int
@@ -77,7 +75,6 @@ class Attempt:
     T_map_base: se3.Matrix
     deviation: tuple[float, float]
     points: RegistrationPoints
-    pivot: tuple[float, float]
 
 
 class _View(NamedTuple):
@@ -85,7 +82,6 @@ class _View(NamedTuple):
 
     surface: Surface
     points: RegistrationPoints
-    pivot: tuple[float, float]
     T_odom_base: se3.Matrix
 
 
@@ -214,8 +210,8 @@ class Tracker:
             return None
         prior = self._candidate or self.estimate
         cells = short_term_map.local_cells(distance)
-        points, pivot = to_registration_points(cells, prior.T_map_odom, T_odom_base)
-        view = _View(self.surface, points, pivot, T_odom_base)
+        points = to_registration_points(cells, prior.T_map_odom, T_odom_base)
+        view = _View(self.surface, points, T_odom_base)
         if self._candidate is not None:
             kind, found = Kind.CONFIRMATION, self._confirm(self._candidate, view)
         elif self._is_search_due():
@@ -234,7 +230,6 @@ class Tracker:
             T_map_base=self.estimate.T_map_odom @ view.T_odom_base,
             deviation=self.estimate.deviation,
             points=view.points,
-            pivot=view.pivot,
         )
 
     def _is_tracking_scans(self) -> bool:
@@ -264,8 +259,8 @@ class Tracker:
         if distance - self._attempt_distance < self._params.localization.interval:
             return None
         self._attempt_distance = distance
-        points, pivot = returns_to_points(returns, prior, T_odom_base, self.landmarks)
-        view = _View(surface, points, pivot, T_odom_base)
+        points = returns_to_points(returns, prior, T_odom_base, self.landmarks)
+        view = _View(surface, points, T_odom_base)
         if found.reason in CONTRADICTIONS or estimate.deviation[0] > COARSE:
             short_term_map = self._short_term.mature()
             if short_term_map is not None:
@@ -274,8 +269,8 @@ class Tracker:
                     returns, surface, self.landmarks, self._params
                 )
                 if proposed is not None:
-                    self.estimate, found, points, pivot = proposed
-                    view = _View(surface, points, pivot, T_odom_base)
+                    self.estimate, found, points = proposed
+                    view = _View(surface, points, T_odom_base)
         self.health.update(found, self.estimate.deviation[0])
         return self._attempt(Kind.TRACKING, found, view, stamp_ns)
 
@@ -296,9 +291,9 @@ class Tracker:
     def _register(self, estimate: PoseFilter | ScanFilter, view: _View) -> Registration:
         params, prior = self._params.registration, estimate.covariance
         if params.method == "paper":
-            found = register_by_paper(view.points, view.pivot, view.surface, prior)
+            found = register_by_paper(view.points, view.surface, prior)
         else:
-            found = register(view.points, view.pivot, view.surface, prior, params)
+            found = register(view.points, view.surface, prior, params)
         if found.is_accepted:
             if isinstance(estimate, ScanFilter) and estimate.has_settled_near(found):
                 # Scans have found the place already, and better.
@@ -317,7 +312,7 @@ class Tracker:
     def _search(self, view: _View) -> Registration:
         """Search for a candidate in the whole map; the estimate is not changed."""
         self._search_distance = self._short_term.distance
-        found = relocalize(view.points, view.pivot, view.surface, self._params.registration)
+        found = relocalize(view.points, view.surface, self._params.registration)
         if found.is_accepted:
             T_map_odom = self.estimate.T_map_odom
             x, y, yaw = found.offset

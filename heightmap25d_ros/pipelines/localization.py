@@ -42,9 +42,9 @@ def compile_kernels(params: Params) -> None:
     surface = Surface(np.zeros((4, 4), np.float32), np.zeros((4, 4), bool), (0.0, 0.0), 1.0)
     count = registration.MIN_POINTS
     points = matching.RegistrationPoints(
-        np.zeros((count, 3)), np.zeros(count, bool), np.ones(count)
+        np.zeros((count, 3)), np.zeros(count, bool), np.ones(count), pivot=(2.0, 2.0)
     )
-    registration.register(points, (2.0, 2.0), surface, 1e-4 * np.eye(3), params.registration)
+    registration.register(points, surface, 1e-4 * np.eye(3), params.registration)
     scan_update.compile_kernels(params.scan_filter)
     scratch = ShortTermMaps(params)
     beam = np.array([[0.0, 0.0, 1.0]])

@@ -87,7 +87,7 @@ def score_surface(
 
     def score(dx: float, dy: float, turn: float) -> float:
         hypothesis = offset + (dx, dy, turn)
-        return matching.match(attempt.points, hypothesis, surface, attempt.pivot, cost).score
+        return matching.match(attempt.points, hypothesis, surface, cost).score
 
     figure = Figure(figsize=(9.4, 4.2), layout="constrained")
     plan, cut = figure.subplots(1, 2, gridspec_kw={"wspace": 0.12})

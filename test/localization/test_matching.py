@@ -42,7 +42,7 @@ def slow_score(some, hypothesis, over, pivot, cost, z):
     """Point by point, cell by cell, with the error of z given."""
     x, y, yaw = hypothesis
     total = counted = 0.0
-    for (px, py, pz), is_edge, weight in zip(*some, strict=True):
+    for (px, py, pz), is_edge, weight in zip(*some.arrays, strict=True):
         qx = pivot[0] + x + math.cos(yaw) * px - math.sin(yaw) * py
         qy = pivot[1] + y + math.sin(yaw) * px + math.cos(yaw) * py
         for iy, ix in np.ndindex(*[side + 4 for side in over.heights.shape]):
@@ -87,7 +87,7 @@ def situations(draw):
 def test_score_is_the_slow_one(situation):
     some, hypothesis, over = situation
     pivot = (0.75, 3.5)
-    found = match(some, hypothesis, over, pivot, COST)
+    found = match(some._replace(pivot=pivot), hypothesis, over, COST)
     assert found.score == pytest.approx(
         slow_score(some, hypothesis, over, pivot, COST, found.z), abs=1e-9
     )
@@ -103,7 +103,7 @@ def test_an_error_of_z_is_found_and_costs_nothing(situation, z):
     some = RegistrationPoints(
         np.column_stack([some.xyz[:, :2], np.full(len(some.xyz), z)]), *some[1:]
     )
-    found = match(some, np.zeros(3), flat, (1.0, 4.0), COST)
+    found = match(some._replace(pivot=(1.0, 4.0)), np.zeros(3), flat, COST)
     assert found.z == pytest.approx(0.25 - z, abs=2 / 256)
     assert found.score <= 2 / 256
 
@@ -146,12 +146,11 @@ def test_what_lies_beyond_the_map_draws_nowhere(is_edge):
     x = over.origin[0] + 1.0 + 0.125 * (np.arange(240) + 0.5)
     wall = points([(at, 2.5625, 0.3) for at in x], is_edge=[is_edge] * len(x))
     scores = [
-        match(wall, np.array([-0.125 * cells, 0.0, 0.0]), over, (0.0, 0.0), COST).score
-        for cells in range(8)
+        match(wall, np.array([-0.125 * cells, 0.0, 0.0]), over, COST).score for cells in range(8)
     ]
     # Were the points beyond all counted, each cell would gain a clip's 240th.
     assert np.abs(np.diff(scores)).max() < COST.clip / 240 / 5
-    across = match(wall, np.array([0.0, 0.25, 0.0]), over, (0.0, 0.0), COST)
+    across = match(wall, np.array([0.0, 0.25, 0.0]), over, COST)
     assert across.score > scores[0] + COST.clip / 2
 
 
@@ -161,12 +160,10 @@ def test_two_edges_of_different_height_cost_nothing():
     over = surface(heights)
     on_the_post = [(0.25 - 1.0 + 1.0, 3.25, 0.9), *[(0.75, 3.25, 0.0)] * 4]
     some = points(on_the_post, is_edge=[True, False, False, False, False])
-    at_post = match(some, np.zeros(3), over, (0.0, 0.0), COST)
+    at_post = match(some, np.zeros(3), over, COST)
     assert at_post.score == pytest.approx(0.0, abs=1e-2)
     plain = points(on_the_post)
-    assert match(plain, np.zeros(3), over, (0.0, 0.0), COST).score == pytest.approx(
-        COST.clip / 5, abs=1e-2
-    )
+    assert match(plain, np.zeros(3), over, COST).score == pytest.approx(COST.clip / 5, abs=1e-2)
 
 
 def test_unknown_cells_cost_their_part():
@@ -174,7 +171,7 @@ def test_unknown_cells_cost_their_part():
     some = points([(0.0, 3.0, 0.0)])
     for unknown in (0.0, 0.25, 1.0):
         cost = Cost(clip=0.2, unknown=unknown, z_range=1.0)
-        found = match(some, np.zeros(3), over, (0.0, 0.0), cost)
+        found = match(some, np.zeros(3), over, cost)
         assert found.score == pytest.approx(0.2 * unknown)
         assert found.overlap == 0.0
 
@@ -186,12 +183,12 @@ def test_search_is_the_score_where_points_are_on_centres():
                         for iy in range(3, 6)])  # fmt: skip
     some = points(np.column_stack([centres, rng.uniform(-0.3, 0.3, 9)]))
     steps = np.arange(-2, 3)
-    scores = search(some, Window(steps, steps, np.zeros(1)), over, (0.0, 0.0), COST)
+    scores = search(some, Window(steps, steps, np.zeros(1)), over, COST)
     assert scores.shape == (1, 5, 5)
     for j, dy in enumerate(steps):
         for i, dx in enumerate(steps):
             hypothesis = np.array([0.5 * dx, 0.5 * dy, 0.0])
-            expected = match(some, hypothesis, over, (0.0, 0.0), COST).score
+            expected = match(some, hypothesis, over, COST).score
             assert scores[0, j, i] == pytest.approx(expected, abs=1e-9)
 
 
@@ -204,7 +201,7 @@ def test_descent_ends_where_waves_lie_on_themselves():
     xy = np.random.default_rng(4).uniform(-2.5, 2.5, (600, 2))
     some = points(np.column_stack([xy, wave(xy[:, 0] - 0.31, xy[:, 1] + 0.17)]))
     steps = np.outer((1, 1 / 2, 1 / 4, 1 / 8, 1 / 16), (0.125, 0.125, 0.06))
-    found = descend(some, np.zeros(3), steps, waves, (0.0, 0.0), COST)
+    found = descend(some, np.zeros(3), steps, waves, COST)
     assert found == pytest.approx((-0.31, 0.17, 0.0), abs=0.02)
 
 

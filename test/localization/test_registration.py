@@ -73,7 +73,6 @@ def test_random_offsets_are_found():
         truth = rng.uniform((-0.5, -0.5, -0.1), (0.5, 0.5, 0.1))
         found = register(
             short_term(place, rng, truth, reach=6.0),
-            (0.0, 0.0),
             long_term(place, rng, 0.025),
             WIDE,
             PARAMS,
@@ -91,8 +90,8 @@ def test_z_does_not_drag_the_map_and_is_told():
     rng = np.random.default_rng(1)
     place, truth = boxes(rng), np.array([0.2, -0.1, 0.03])
     seen, over = short_term(place, rng, truth), long_term(place, rng)
-    level = register(seen, (0.0, 0.0), over, WIDE, PARAMS)
-    lifted = register(seen._replace(xyz=seen.xyz + (0.0, 0.0, 0.4)), (0.0, 0.0), over, WIDE, PARAMS)
+    level = register(seen, over, WIDE, PARAMS)
+    lifted = register(seen._replace(xyz=seen.xyz + (0.0, 0.0, 0.4)), over, WIDE, PARAMS)
     assert lifted.offset == pytest.approx(level.offset, abs=1e-2)
     assert lifted.z - level.z == pytest.approx(-0.4, abs=1e-2)
 
@@ -101,7 +100,7 @@ def test_a_flat_place_corrects_nothing():
     rng = np.random.default_rng(2)
     flat = np.zeros((0, 6))
     over = long_term(flat, rng)
-    found = register(short_term(flat, rng, np.zeros(3)), (0.0, 0.0), over, WIDE, PARAMS)
+    found = register(short_term(flat, rng, np.zeros(3)), over, WIDE, PARAMS)
     assert found.reason is Reason.UNOBSERVED
     assert not found.information.any()
 
@@ -110,9 +109,7 @@ def test_a_street_corrects_across_and_not_along():
     rng = np.random.default_rng(3)
     kerbs = np.array([[0, 1.6, 30, 0.3, 0, 0.25], [0, -1.9, 30, 0.4, 0, 0.25]], float)
     truth = np.array([0.3, 0.15, 0.02])
-    found = register(
-        short_term(kerbs, rng, truth, reach=3.0), (0.0, 0.0), long_term(kerbs, rng), WIDE, PARAMS
-    )
+    found = register(short_term(kerbs, rng, truth, reach=3.0), long_term(kerbs, rng), WIDE, PARAMS)
     assert found.is_accepted
     across = np.array([-np.sin(0.0), 1.0, 0.0])
     assert across @ found.information @ across > 400.0
@@ -129,7 +126,7 @@ def test_another_place_is_refused():
         rng = np.random.default_rng(100 + seed)
         seen = short_term(boxes(rng, 60), rng, np.zeros(3))
         over = long_term(boxes(rng, 60), rng)
-        refused += not register(seen, (0.0, 0.0), over, WIDE, PARAMS).is_accepted
+        refused += not register(seen, over, WIDE, PARAMS).is_accepted
     assert refused == 10
 
 
@@ -137,7 +134,7 @@ def test_too_few_points_are_refused():
     rng = np.random.default_rng(4)
     place = boxes(rng)
     few = short_term(place, rng, np.zeros(3)).some(np.arange(20))
-    found = register(few, (0.0, 0.0), long_term(place, rng), WIDE, PARAMS)
+    found = register(few, long_term(place, rng), WIDE, PARAMS)
     assert found.reason is Reason.FEW_POINTS
 
 
@@ -155,7 +152,7 @@ def test_a_sharp_prior_contradicted_is_refused():
     place = boxes(rng)
     sure = np.diag([0.04**2, 0.04**2, 0.01**2])
     found = register(
-        short_term(place, rng, np.array([0.24, 0.24, 0.0])), (0.0, 0.0), long_term(place, rng),
+        short_term(place, rng, np.array([0.24, 0.24, 0.0])), long_term(place, rng),
         sure, dataclasses.replace(PARAMS, max_deviation=2.0),
     )  # fmt: skip
     assert found.reason in (Reason.FAR_FROM_PRIOR, Reason.HIGH_RESIDUAL)
@@ -165,7 +162,7 @@ def test_paper_method_comes_within_a_cell():
     rng = np.random.default_rng(7)
     place, truth = boxes(rng), np.array([0.25, -0.375, 0.0])
     seen = short_term(place, rng, truth)
-    found = register_by_paper(seen, (0.0, 0.0), long_term(place, rng), WIDE)
+    found = register_by_paper(seen, long_term(place, rng), WIDE)
     assert np.linalg.norm(found.offset[:2] - truth[:2]) < CELL
     assert abs(np.degrees(found.offset[2])) < 1.0
 
@@ -175,7 +172,7 @@ def test_the_whole_map_is_searched(seed):
     rng = np.random.default_rng(seed)
     place = boxes(rng, 60)
     truth = np.append(rng.uniform(-3.5, 3.5, 2), rng.uniform(-np.pi, np.pi))
-    found = relocalize(short_term(place, rng, truth), (0.0, 0.0), long_term(place, rng), PARAMS)
+    found = relocalize(short_term(place, rng, truth), long_term(place, rng), PARAMS)
     assert found.is_accepted, found
     assert found.offset[:2] == pytest.approx(truth[:2], abs=0.06)
     turn = np.angle(np.exp(1j * (found.offset[2] - truth[2])))
@@ -188,7 +185,7 @@ def test_a_place_that_is_there_twice_is_not_unique():
     half[:, 0] = rng.uniform(-7.5, -0.5, 30)
     twice = np.concatenate([half, half + (8.0, 0, 0, 0, 0, 0)])
     seen = short_term(twice, rng, np.array([-4.0, 0.0, 0.3]), reach=2.5)
-    found = relocalize(seen, (0.0, 0.0), long_term(twice, rng), PARAMS)
+    found = relocalize(seen, long_term(twice, rng), PARAMS)
     assert found.reason is Reason.AMBIGUOUS
 
 
