@@ -24,7 +24,7 @@ from heightmap25d_ros.localization.registration import (
     to_registration_points,
 )
 from heightmap25d_ros.localization.scan_filter import ScanFilter, unknown_errors
-from heightmap25d_ros.localization.scan_proposal import COARSE, Proposal, returns_to_points
+from heightmap25d_ros.localization.scan_proposal import COARSE, Proposal, Proven, returns_to_points
 from heightmap25d_ros.localization.scan_window import ScanWindow
 from heightmap25d_ros.localization.short_term import ShortTermMap, ShortTermMaps, way_between
 from heightmap25d_ros.localization.surface import Surface
@@ -34,6 +34,7 @@ from heightmap25d_ros.params.sections import Params
 
 _PLACE_COVARIANCE = np.diag([0.15**2, 0.15**2, 0.03**2])  # of what is found in the whole map
 _SEARCH_WAY = 1.0  # [m] from one search of the whole map to the next
+_REPEATED = 0.1  # [m] between what two short-term maps propose one after the other
 
 
 class Kind(Enum):
@@ -147,6 +148,7 @@ class Tracker:
         self.jumps += 1
         self._candidate: PoseFilter | None = None
         self._confirmed = 0
+        self._proposed: se3.Matrix | None = None
         self._tried_way = self._searched_way = -np.inf
 
     def forget(self) -> None:
@@ -249,11 +251,22 @@ class Tracker:
                 proposed = Proposal(estimate, found, T_odom_base, seen).proven(
                     returns, surface, self.landmarks, self._params
                 )
-                if proposed is not None:
+                if self._is_repeated(proposed, T_odom_base) and proposed is not None:
                     self.estimate, found, points, pivot = proposed
                     view = _View(surface, points, pivot, T_odom_base)
         self.health.update(found, self.estimate.deviation[0])
         return self._attempt(Kind.TRACKING, found, view, stamp_ns)
+
+    def _is_repeated(self, proposed: Proven | None, T_odom_base: se3.Matrix) -> bool:
+        """Whether the proposal before led to the same place: what noise proposes wanders."""
+        before, self._proposed = self._proposed, None
+        if proposed is None:
+            return False
+        self._proposed = proposed[0].T_map_odom
+        if before is None:
+            return False
+        apart = (before - self._proposed) @ T_odom_base
+        return bool(np.hypot(apart[0, 3], apart[1, 3]) < _REPEATED)
 
     def _is_registration_due(self) -> bool:
         """Where the robot is lost, only what was found in the whole map is worth registering."""
