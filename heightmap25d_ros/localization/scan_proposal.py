@@ -36,7 +36,8 @@ COARSE = 0.12
 _SURER = 0.5  # deviation, over that before, to which scans must prove a pose that is proposed
 _DISPLACED = np.diag(np.square([0.3, 0.3, 0.1]))  # added to the prior where scans contradict it
 
-_Proven = tuple[ScanFilter, Registration, RegistrationPoints]
+Proven = tuple[ScanFilter, Registration, RegistrationPoints]
+"""The estimate at a proposed pose, its registration, and the points of that."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +61,7 @@ class Proposal:
 
     def proven(
         self, returns: Array, surface: Surface, landmarks: Landmarks, params: Params
-    ) -> _Proven | None:
+    ) -> Proven | None:
         """The estimate at the registered pose, the registration, and its points.
 
         None where the short-term map does not register, or returns (N, 3) [m, odom] do not agree.

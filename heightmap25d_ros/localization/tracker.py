@@ -28,7 +28,7 @@ from heightmap25d_ros.localization.registration import (
     to_registration_points,
 )
 from heightmap25d_ros.localization.scan_filter import ScanFilter, unknown_errors
-from heightmap25d_ros.localization.scan_proposal import COARSE, Proposal, returns_to_points
+from heightmap25d_ros.localization.scan_proposal import COARSE, Proposal, Proven, returns_to_points
 from heightmap25d_ros.localization.scan_window import ScanWindow
 from heightmap25d_ros.localization.short_term import ShortTermMap, ShortTermMaps, distance_travelled
 from heightmap25d_ros.localization.surface import Surface
@@ -38,6 +38,7 @@ from heightmap25d_ros.params.sections import Params
 
 _CANDIDATE_COVARIANCE = np.diag([0.15**2, 0.15**2, 0.03**2])  # of a pose found in the whole map
 _SEARCH_INTERVAL = 1.0  # [m] travelled between two searches of the whole map
+_REPEATED = 0.1  # [m] between what two short-term maps propose one after the other
 
 
 class Kind(Enum):
@@ -161,6 +162,7 @@ class Tracker:
         self.jumps += 1
         self._candidate: PoseFilter | None = None
         self._confirmed = 0
+        self._proposed: se3.Matrix | None = None
         self._attempt_distance = self._search_distance = -np.inf
 
     def forget(self) -> None:
@@ -168,7 +170,7 @@ class Tracker:
         self._short_term.clear()
         self._window.clear()
         self._T_odom_base = None
-        self._candidate = None
+        self._candidate = self._proposed = None
 
     def request_search(self) -> None:
         """Search the whole map as soon as a short-term map is mature."""
@@ -268,11 +270,22 @@ class Tracker:
                 proposed = Proposal(estimate, found, T_odom_base, seen).proven(
                     returns, surface, self.landmarks, self._params
                 )
-                if proposed is not None:
+                if self._is_repeated(proposed, T_odom_base) and proposed is not None:
                     self.estimate, found, points = proposed
                     view = _View(surface, points, T_odom_base)
         self.health.update(found, self.estimate.deviation[0])
         return self._attempt(Kind.TRACKING, found, view, stamp_ns)
+
+    def _is_repeated(self, proposed: Proven | None, T_odom_base: se3.Matrix) -> bool:
+        """Whether the proposal before led to the same place: what noise proposes wanders."""
+        before, self._proposed = self._proposed, None
+        if proposed is None:
+            return False
+        self._proposed = proposed[0].T_map_odom
+        if before is None:
+            return False
+        apart = (before - self._proposed) @ T_odom_base
+        return bool(np.hypot(apart[0, 3], apart[1, 3]) < _REPEATED)
 
     def _is_registration_due(self) -> bool:
         """A lost robot registers only to confirm a pose found in the whole map."""
