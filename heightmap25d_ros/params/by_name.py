@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameters by their full names, ``section.name``, as ROS and parameter files have them.
 
-`flatten` lists them, `with_values` replaces some of them, and `RENAMED` keeps the old names of
-parameters working.
+`flatten` lists them, `with_values` replaces some of them, `RENAMED` keeps the old names of
+parameters working, and `REMOVED` says what took the place of parameters that are gone.
 """
 
 from __future__ import annotations
@@ -20,6 +20,9 @@ from heightmap25d_ros.params.spec import Spec, Value, specs
 
 RENAMED = {"short_term.mature_way": "short_term.mature_distance"}
 """Old name -> present name. An old name is still accepted, with a warning that names both."""
+
+REMOVED = {"localization.max_odom_step": "the limits of section odometry take its place"}
+"""Name of a parameter that is gone -> what to do instead. Files with one are still accepted."""
 
 
 def flatten(params: Params) -> dict[str, tuple[Spec, Value]]:
@@ -70,6 +73,8 @@ def unknown(name: str, known: Collection[str]) -> str:
 def with_present_names(values: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
     """Values by the present names of their parameters, and a warning for each old name.
 
+    Those of `REMOVED` are left out, with a warning.
+
     Parameters
     ----------
     values : mapping of full name to value
@@ -83,6 +88,9 @@ def with_present_names(values: Mapping[str, Any]) -> tuple[dict[str, Any], list[
     present: dict[str, Any] = {}
     notices: list[str] = []
     for name, value in values.items():
+        if name in REMOVED:
+            notices.append(f"parameter {name}: has no effect any more, {REMOVED[name]}")
+            continue
         new = RENAMED.get(name, name)
         if new != name:
             if new in values:

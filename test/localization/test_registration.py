@@ -141,10 +141,8 @@ def test_too_few_points_are_refused():
 def test_beyond_the_map_there_is_too_little_overlap():
     rng = np.random.default_rng(5)
     place = boxes(rng)
-    found = register(
-        short_term(place, rng, np.zeros(3)), (30.0, 30.0), long_term(place, rng), WIDE, PARAMS
-    )
-    assert found.reason is Reason.LITTLE_OVERLAP
+    far = short_term(place, rng, np.zeros(3))._replace(pivot=(30.0, 30.0))
+    assert register(far, long_term(place, rng), WIDE, PARAMS).reason is Reason.LITTLE_OVERLAP
 
 
 def test_a_sharp_prior_contradicted_is_refused():

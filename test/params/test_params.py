@@ -6,7 +6,7 @@ import yaml
 from repository import ROOT
 
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.params.by_name import RENAMED, flatten, with_values
+from heightmap25d_ros.params.by_name import REMOVED, RENAMED, flatten, with_values
 from heightmap25d_ros.params.files import as_markdown, as_yaml, read_yaml
 from heightmap25d_ros.params.sections import Params, SensorParams
 
@@ -144,6 +144,13 @@ def test_an_old_name_sets_the_parameter_and_warns_of_both_names_in_one_line():
         params = with_values(Params(), {"short_term.mature_way": 1})
     assert params.short_term.mature_distance == 1.0
     assert ["\n" in str(warning.message) for warning in warned] == [False]
+
+
+def test_a_removed_parameter_warns_and_changes_nothing():
+    assert not REMOVED.keys() & flatten(Params()).keys()
+    with pytest.warns(FutureWarning, match="localization.max_odom_step: .* section odometry"):
+        params = with_values(Params(), {"localization.max_odom_step": 1.0})
+    assert params == Params()
 
 
 def test_an_old_name_in_a_parameter_file_sets_the_parameter_and_warns(tmp_path):
