@@ -142,7 +142,7 @@ def _kernel_seconds(points: RegistrationPoints, surface: Surface) -> float:
     steps = np.arange(-5, 5)
     yaws = np.linspace(-REACH[2], REACH[2], SAMPLE_KERNEL // 100)
     began = time.perf_counter()
-    matching.search(points, (steps, steps, yaws), surface, (0.0, 0.0), COST)
+    matching.search(points, matching.Window(steps, steps, yaws), surface, (0.0, 0.0), COST)
     return (time.perf_counter() - began) / SAMPLE_KERNEL * _hypotheses()
 
 

@@ -10,7 +10,7 @@ costs to prepare is shown by itself: `incoming_costs`, and all of `transition_gr
 solve quite the same problem:
 
 - pyastar2d (C++) charges a step across like a straight one, the weight of the cell it enters.
-  Where all weights are equal (Chebyshev's distance) many ways cost the same then, and on open
+  Where all weights are equal (Chebyshev's distance) many paths cost the same then, and on open
   ground its estimate is all but exact: an easier problem.
 - MCP_Geometric (Cython) has our lengths, and spreads without an estimate until it meets the goal.
 - Neither keeps off the corners of closed cells. Ours goes across only where both corners are free,
@@ -21,7 +21,7 @@ Maps of corridors 12 cells wide, of rooms, of boxes and of open terrain are what
 looks like in cells of 0.125 m. Corridors of 4 cells and single closed cells, one in five, are
 where a search of this kind gains the least.
 
-The times of ours hold the cells of the way, as pyastar2d's do; the ratio to C is of the searches.
+Our times include the cells of the path, as pyastar2d's do; the ratio to C is of the searches.
 
 Before anything is timed, the cost of the guided search is compared with the field's, both with
 C's, and, with corners allowed, the length with MCP_Geometric's.
@@ -89,7 +89,7 @@ def maps(side: int) -> Iterator[tuple[str, Weights]]:
 
 
 def _maze(rng: np.random.Generator, side: int, corridor: int) -> Weights:
-    """One way between any two places: a random spanning tree."""
+    """One path between any two cells: a random spanning tree."""
     pitch = corridor + WALL
     count = (side - WALL) // pitch
     index = np.arange(count * count).reshape(count, count)
@@ -170,7 +170,7 @@ def _on_map(name: str, weights: Weights, figures: dict[str, float]) -> dict[str,
     for_mcp = np.where(np.isfinite(weights), weights, -1.0).astype(np.float64)
     _assert_exact(name, incoming, weights, for_mcp, (start, goal))
     runs: dict[str, Callable[[], object]] = {
-        "ours": lambda: cost_to_go(incoming, goal, start=start).way(start),
+        "ours": lambda: cost_to_go(incoming, goal, start=start).cheapest_path(start),
         "search": partial(cost_to_go, incoming, goal, start=start),
         "C": partial(c_planner.cost_to_go, incoming, goal, start=start),
         "pyastar2d": lambda: pyastar2d.astar_path(weights, start, goal, allow_diagonal=True),
@@ -185,7 +185,7 @@ def _on_map(name: str, weights: Weights, figures: dict[str, float]) -> dict[str,
         rounds |= {"field": ROUNDS[side], "C, field": ROUNDS[side]}
     if name.startswith("salt"):
         cut = _with_corners(weights)
-        runs["ours, corners cut"] = lambda: cost_to_go(cut, goal, start=start).way(start)
+        runs["ours, corners cut"] = lambda: cost_to_go(cut, goal, start=start).cheapest_path(start)
         rounds["ours, corners cut"] = rounds["ours"]
     times = _interleaved(runs, rounds)
     search = times.pop("search")

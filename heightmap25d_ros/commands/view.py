@@ -70,7 +70,7 @@ def _show_map(scene: Scene3d, path: Path, settings: Params) -> Figures:
     height_map = map_directory.load(path, settings.mapper.probability_threshold).height_map
     scene.show_map(height_map)
     if (path / map_directory.TRAJECTORY).exists():
-        scene.show_way(trajectory.read_tum(path / map_directory.TRAJECTORY)[:, 1:4])
+        scene.show_trajectory(trajectory.read_tum(path / map_directory.TRAJECTORY)[:, 1:4])
     return {"map": str(path), "known cells": int(height_map.known.sum())}
 
 
@@ -92,7 +92,7 @@ def _show_bag(scene: Scene3d, path: Path, settings: Params, odom_topic: str | No
                 shown["pose"] = seconds
                 way.append(T[:3, 3])
                 scene.show_robot(T)
-                scene.show_way(np.array(way))
+                scene.show_trajectory(np.array(way))
             if seconds - shown["map"] >= _MAP_EVERY:
                 shown["map"] = seconds
                 scene.show_map(mapping.maps()[0])

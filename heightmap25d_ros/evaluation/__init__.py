@@ -1,7 +1,8 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Results against the truth.
+"""Evaluation of results against ground truth.
 
-`truth` reads what the simulator knows; the others hold maps, paths, trajectories and reachable
-goals against it. They share no code with what they judge.
+`truth` reads the truth files of the simulator; `map_error`, `path_drivability`, `trajectory_error`
+and `goal_reachability` compare maps, paths, trajectories and reachable goals with them. They share
+no code with what they evaluate.
 """

@@ -1,6 +1,10 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What an ideal planner finds on a map: the goals that cells of admissible cost connect."""
+"""Goals that an ideal planner reaches on a map: those that cells of admissible cost connect.
+
+It measures the map, not the planner: a goal that the truth connects and the map does not is lost to
+every planner.
+"""
 
 from __future__ import annotations
 
@@ -19,12 +23,12 @@ _ALL_NEIGHBOURS = np.ones((3, 3), bool)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reachability:
-    """How an ideal planner fares on a map.
+    """Success of an ideal planner on a map.
 
     Attributes
     ----------
     observed_goals, found : int
-        Reachable goals whose way was observed, and those of them that the map connects.
+        Reachable goals with an observed path, and those of them that the map connects.
     unreachable_goals, refused : int
         Goals that the robot cannot reach, and those of them that the map does not connect.
     """
@@ -40,10 +44,10 @@ class Reachability:
 
 
 def evaluate_goals(obstacle_map: ObstacleMap, pairs: GoalPairs) -> Reachability:
-    """Which goals the known, uninflated cells of a map connect with their starts.
+    """Count the goals that the known, uninflated cells of a map connect with their starts.
 
-    A start or a goal counts as the admissible cells among its own cell and the 8 around it: the
-    map's cells and the true ones may be off by one. Unknown cells connect nothing.
+    A start or a goal is represented by the admissible cells among its own cell and the 8 around
+    it: the cells of the map and the true ones may differ by one. Unknown cells are closed.
     """
     admissible = (obstacle_map.cost >= 0) & (obstacle_map.cost < INFLATED)
     parts, _ = ndimage.label(admissible, _ALL_NEIGHBOURS)

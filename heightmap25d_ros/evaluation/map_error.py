@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A map against the true surface of the world it was made in."""
+"""Error of a map against the true surface of the world in which it was made.
+
+Heights, coverage and blocked transitions are compared cell by cell; all figures are in `MapError`.
+"""
 
 from __future__ import annotations
 
@@ -19,17 +22,17 @@ from heightmap25d_ros.terrain.steps import NEIGHBOURS
 from heightmap25d_ros.terrain.traversability import blocked_transitions
 
 LARGE_ERROR = 0.10
-"""An error of a height beyond this is counted [m]: the robot's climbing height."""
+"""Threshold of a large error of a height [m]: the robot's climbing height."""
 
 
 FLAT, STEP = 0.02, 0.10
-"""Differences of neighbouring tops [m]: up to the first the world is flat, up to the second it is
-a slope, beyond it has a step."""
+"""Height differences of neighbouring cells [m]: the world is flat up to the first and a slope up to
+the second; larger ones are steps."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeightError:
-    """Stored minus true height [m] over a number of cells; None where there are none."""
+    """Stored minus true height [m] over a number of cells; None without cells."""
 
     cells: int
     bias: float | None
@@ -40,19 +43,19 @@ class HeightError:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Detection:
-    """How well blocked transitions were found, at one cell of tolerance.
+    """Precision and recall of the blocked transitions of a map, with a tolerance of one cell.
 
-    A transition's place is the middle between its two cells; two are at the same place when they
-    are at most one cell apart, along x and along y.
+    The position of a transition is the middle between its two cells; two transitions match when
+    their positions are at most one cell apart, along x and along y.
 
     Attributes
     ----------
     predicted, true : int
         Blocked transitions of the map, and of the world between cells that the map knows.
     precision : float or None
-        Share of the predicted ones with a true one in their place; None where there is none.
+        Share of the predicted ones that match a true one; None if nothing is predicted.
     recall : float or None
-        Share of the true ones with a predicted one in their place.
+        Share of the true ones that match a predicted one.
     f1 : float or None
         Their harmonic mean.
     """
@@ -66,7 +69,7 @@ class Detection:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MapError:
-    """What a map is worth.
+    """The figures of a map.
 
     Attributes
     ----------
@@ -75,18 +78,18 @@ class MapError:
     known_cells_outside : int
         Beyond that area.
     observable_cells : int
-        Cells of which a laser without noise met something.
+        Cells in which a noise-free laser measured a surface.
     coverage : float or None
         Share of the observable cells that are known.
     spurious : float or None
         Share of the known cells that are not observable.
     error_of_seen : HeightError
-        Against the highest point that the lasers met, over known observable cells.
+        Against the highest point that the lasers measured, over known observable cells.
     error_of_seen_on_flat, error_of_seen_on_slopes, error_of_seen_at_steps : HeightError
-        The same by what the world is around a cell: its tops and those of the 8 neighbours differ
-        by up to `FLAT`, by up to `STEP`, or by more.
+        The same by the relief around a cell: the true heights of the cell and its 8 neighbours
+        differ by up to `FLAT`, by up to `STEP`, or by more.
     error_of_top : HeightError
-        Against the top of the world, over all known cells: walls are higher than can be seen.
+        Against the top of the world, over all known cells: walls are higher than lasers see.
     blocked_transitions : Detection
     """
 
@@ -103,24 +106,24 @@ class MapError:
     blocked_transitions: Detection
 
     def as_dict(self) -> dict[str, Any]:
-        """Nested, of plain numbers; shares and metres rounded to four digits."""
+        """The figures by name, nested; shares and metres rounded to four digits."""
         return {name: _rounded(value) for name, value in asdict(self).items()}
 
 
 def evaluate_map(height_map: HeightMap, params: TraversabilityParams, truth: Truth) -> MapError:
-    """Hold a map against the truth.
+    """Compare a map with the truth.
 
     Parameters
     ----------
     height_map : HeightMap
     params : TraversabilityParams
-        ``max_step`` says which transitions are blocked, in the map and in the world.
+        ``max_step`` decides which transitions are blocked, in the map and in the world.
     truth : Truth
 
     Raises
     ------
     InputError
-        If the cells of the map are not those of the truth.
+        If the cells of the map do not coincide with those of the truth.
     """
     height_cm, known = _on_cells_of(truth.geometry, height_map)
     height = height_cm * HEIGHT_RESOLUTION
@@ -129,7 +132,7 @@ def evaluate_map(height_map: HeightMap, params: TraversabilityParams, truth: Tru
     error_of_seen = (height - truth.seen)[known & observable]
     relief = _relief(truth.top)[known & observable]
     has_top = known & np.isfinite(truth.top)
-    # Whole centimetres that are not too high; the summand is for 0.29 / 0.01 = 28.999...
+    # Rounded down to whole centimetres; the summand is for 0.29 / 0.01 = 28.999...
     max_step_cm = int(params.max_step / HEIGHT_RESOLUTION + 1e-6)
     mask = blocked_transitions(height_cm, known, max_step_cm)
     return MapError(
@@ -148,7 +151,7 @@ def evaluate_map(height_map: HeightMap, params: TraversabilityParams, truth: Tru
 
 
 def _relief(top: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(rows, columns) [m]: how much the known tops of a cell and its 8 neighbours differ."""
+    """(rows, columns) [m]: range of the known tops of a cell and its 8 neighbours."""
     is_known = np.isfinite(top)
     highest = maximum_filter(np.where(is_known, top, -np.inf), 3)
     lowest = minimum_filter(np.where(is_known, top, np.inf), 3)
@@ -159,7 +162,7 @@ def _relief(top: NDArray[np.float64]) -> NDArray[np.float64]:
 def _on_cells_of(
     geometry: Geometry, height_map: HeightMap
 ) -> tuple[NDArray[np.int16], NDArray[np.bool_]]:
-    """Height [cm] and being known of a map on the cells of the truth."""
+    """Heights [cm] of a map on the cells of the truth, and which of them are known."""
     offset = np.subtract(height_map.geometry.origin, geometry.origin) / geometry.resolution
     ix, iy = np.rint(offset).astype(int)
     is_same = np.isclose(height_map.geometry.resolution, geometry.resolution, rtol=1e-6)
@@ -198,23 +201,23 @@ def _detection(
     mask: NDArray[np.uint8], top: NDArray[np.float64], known: NDArray[np.bool_], max_step: float
 ) -> Detection:
     """Blocked transitions of a map, as bits over `NEIGHBOURS`, against those of the surface."""
-    places = np.zeros((2 * top.shape[0] + 1, 2 * top.shape[1] + 1), np.bool_)
-    predicted_at, true_at = places.copy(), places.copy()
+    positions = np.zeros((2 * top.shape[0] + 1, 2 * top.shape[1] + 1), np.bool_)
+    predicted_at, true_at = positions.copy(), positions.copy()
     predicted, true = [], []
-    for bit, (dy, dx) in enumerate(NEIGHBOURS[:4]):  # the others are the same, from the far end
+    for bit, (dy, dx) in enumerate(NEIGHBOURS[:4]):  # the other four are the same, reversed
         here, there = _ends(top.shape, dy, dx)
         rows, columns = (
             2 * index + 1 + d for index, d in zip(np.mgrid[here], (dy, dx), strict=True)
         )
         is_predicted = (mask[here] >> bit & 1).astype(np.bool_)
-        with np.errstate(invalid="ignore"):  # no surface beside no surface
+        with np.errstate(invalid="ignore"):  # infinity minus infinity
             is_true = np.abs(top[there] - top[here]) > max_step
         is_known = known[here] & known[there]
         predicted_at[rows[is_predicted], columns[is_predicted]] = True
         true_at[rows[is_true], columns[is_true]] = True
         predicted.append(np.stack([rows, columns])[:, is_predicted])
         true.append(np.stack([rows, columns])[:, is_true & is_known])
-    # One cell is two places, and places are the middles of a square of five.
+    # A cell is two positions wide, so one cell of tolerance is a square of five positions.
     is_near_true, is_near_predicted = (
         maximum_filter(at, size=5, mode="constant") for at in (true_at, predicted_at)
     )
@@ -232,7 +235,7 @@ def _detection(
 
 
 def _ends(shape: tuple[int, int], dy: int, dx: int) -> tuple[tuple[slice, slice], ...]:
-    """Where in an array the cells with a neighbour at (dy, dx) lie, and where the neighbours."""
+    """Slices of the cells with a neighbour at (dy, dx), and of these neighbours."""
     whole = Area(0, 0, *shape)
     here = Area(-dy, -dx, *shape).within(whole)
     there = Area(here.iy + dy, here.ix + dx, *here.shape)

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A path against the true surface: what the robot's rectangle meets along it.
+"""A path on the true surface: largest step, steepest slope and least headroom of a rectangle.
 
-Shares no code with what plans.
+Shares no code with the planner.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from heightmap25d_ros.evaluation.truth import TrueGround
 from heightmap25d_ros.grid.height_map import Geometry
 
 _BETWEEN = 0.05
-"""Poses are held against the truth at least this densely along the path [m]."""
+"""Largest distance between poses that are checked along the path [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drivability:
-    """The worst that a rectangle meets along a path on the true surface.
+    """The extremes under a rectangle along a path on the true surface.
 
     Attributes
     ----------
     largest_step : float [m]
-        Between neighbouring true cells whose centres are both in the rectangle.
+        Between neighbouring cells whose centres are both in the rectangle.
     steepest_slope : float [rad]
         Of the least-squares plane through the cells in the rectangle.
     lowest_ceiling : float [m]
@@ -49,20 +49,20 @@ class Drivability:
 def evaluate_path(
     ground: TrueGround, path: NDArray[np.float64], length: float, width: float
 ) -> Drivability:
-    """Drive a rectangle along a path.
+    """Move a rectangle along a path on the true ground.
 
     Parameters
     ----------
     ground : TrueGround
     path : (N, 3) float64 [m, rad]
-        x, y and heading; in between it is straight, and the heading that of the pose before.
+        x, y and heading; straight in between, with the heading of the pose before.
     length, width : float [m]
         Of the rectangle.
 
     Returns
     -------
     Drivability
-        Infinite steps and slopes where the rectangle reaches where there is no ground.
+        Infinite step and slope if the rectangle leaves the ground.
     """
     worst_step, worst_slope, lowest = 0.0, 0.0, np.inf
     for x, y, heading in _dense(path):
@@ -79,8 +79,8 @@ def evaluate_path(
         is_neighbour = np.maximum(abs(iy[:, None] - iy), abs(ix[:, None] - ix)) == 1
         steps = np.abs(height[:, None] - height)[is_neighbour]
         worst_step = max(worst_step, steps.max(initial=0.0))
-        places = np.column_stack([iy, ix, np.ones_like(iy)]) * ground.geometry.resolution
-        plane, *_ = np.linalg.lstsq(places, height, rcond=None)
+        positions = np.column_stack([iy, ix, np.ones_like(iy)]) * ground.geometry.resolution
+        plane, *_ = np.linalg.lstsq(positions, height, rcond=None)
         worst_slope = max(worst_slope, float(np.arctan(np.hypot(*plane[:2]))))
     return Drivability(
         largest_step=worst_step, steepest_slope=worst_slope, lowest_ceiling=float(lowest)
@@ -100,7 +100,7 @@ def _dense(path: NDArray[np.float64]) -> NDArray[np.float64]:
 def _cells_under(
     geometry: Geometry, x: float, y: float, heading: float, length: float, width: float
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Rows and columns of the cells whose centres are in the rectangle; some may be outside."""
+    """Rows and columns of the cells whose centres are in the rectangle; not clipped to the map."""
     reach = int(np.hypot(length, width) / 2 / geometry.resolution) + 2
     middle = geometry.cell_at((x, y))
     offset = np.indices((2 * reach + 1, 2 * reach + 1)).reshape(2, -1).T - reach

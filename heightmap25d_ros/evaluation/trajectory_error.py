@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A trajectory against the true one, in the terms of the field."""
+"""Error of a trajectory against the true one: absolute trajectory error, planar, z and yaw."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from heightmap25d_ros import se3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrajectoryError:
-    """Errors of estimated poses, without any alignment: both begin in the same frame.
+    """Errors of estimated poses, without alignment: both trajectories are in the same frame.
 
     Attributes
     ----------
     poses : int
-        Estimated ones that the true trajectory covers.
+        Number of estimated poses within the time of the true trajectory.
     ate_rmse, ate_max : float [m]
         Absolute trajectory error: distance in x, y and z to the true position.
     final_position, planar_rmse, planar_max : float [m]
-        Distance in x and y: at the end, and along the way.
+        Distance in x and y to the true position: of the last pose, and of all.
     final_yaw, yaw_rmse : float [deg]
     z_rmse : float [m]
     """
@@ -49,7 +49,7 @@ def evaluate_trajectory(
     true_stamps_ns: NDArray[np.int64],
     true_poses: se3.Matrix,
 ) -> TrajectoryError | None:
-    """Errors of poses (N, 4, 4) at their stamps [ns]; None where the truth covers none.
+    """Errors of poses (N, 4, 4) at their stamps [ns]; None if the truth covers none.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def evaluate_trajectory(
 
 
 def planar_errors(poses: se3.Matrix, truth: se3.Matrix) -> NDArray[np.float64]:
-    """(N, 3): distance in x and y [m], error of z [m], error of the yaw [deg], each pose's."""
+    """(N, 3): of each pose the distance in x and y [m], error of z [m], error of the yaw [deg]."""
     offset = poses[:, :3, 3] - truth[:, :3, 3]
     yaw = se3.to_xyz_rpy(poses)[:, 5] - se3.to_xyz_rpy(truth)[:, 5]
     yaw = np.degrees((yaw + np.pi) % (2 * np.pi) - np.pi)

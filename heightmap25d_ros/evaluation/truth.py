@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The truth files of a world: its surface, its ground, and pairs of start and goal."""
+"""The truth files of a simulated world: its surface, its ground, and pairs of start and goal.
+
+The only reader of these files; whatever is wrong with one is an `InputError` that names it.
+"""
 
 from __future__ import annotations
 
@@ -26,9 +29,9 @@ class Truth:
     ----------
     geometry : Geometry
     top : (rows, columns) float64 [m]
-        Highest point over each cell's square; not finite where there is none.
+        Highest point over each cell's square; not finite without a surface.
     seen : (rows, columns) float64 [m]
-        Highest point in each cell that a laser without noise met; NaN: none. Lower than ``top``
+        Highest point in each cell that a noise-free laser measured; NaN: none. Lower than ``top``
         on walls that end above the lasers.
     """
 
@@ -39,12 +42,12 @@ class Truth:
 
 @contextmanager
 def truth_file(path: Path, fault: str) -> Iterator[Any]:
-    """An npz file of the truth; whatever is wrong with what is read from it is bad input.
+    """An open npz file of the truth; errors while reading from it become `InputError`.
 
     Raises
     ------
     InputError
-        If the file cannot be read, or (``fault``) is of another kind.
+        If the file cannot be read, or has other content (described by ``fault``).
     """
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
@@ -62,7 +65,7 @@ def read_truth(path: Path) -> Truth:
     Raises
     ------
     InputError
-        If the file cannot be read or is of another kind.
+        If the file cannot be read or has other content.
     """
     with truth_file(path, "is not a true surface") as archive:
         top, seen = (np.asarray(archive[name], np.float64) for name in ("top", "seen"))
@@ -77,15 +80,15 @@ def read_truth(path: Path) -> Truth:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrueGround:
-    """What a robot would drive on.
+    """The ground that a robot drives on.
 
     Attributes
     ----------
     geometry : Geometry
     height : (rows, columns) float64 [m]
-        Not finite where there is none.
+        Not finite without ground.
     clearance : (rows, columns) float64 [m]
-        Clear height above it.
+        Headroom above it.
     """
 
     geometry: Geometry
@@ -94,12 +97,12 @@ class TrueGround:
 
 
 def read_ground(path: Path) -> TrueGround:
-    """The ground of a ``surface.npz``; its top where it does not tell ground from top.
+    """The ground of a ``surface.npz``; its top if it does not distinguish the two.
 
     Raises
     ------
     InputError
-        If the file cannot be read or is of another kind.
+        If the file cannot be read or has other content.
     """
     with truth_file(path, "is not a true surface") as archive:
         name = "ground" if "ground" in archive else "top"
@@ -115,15 +118,15 @@ def read_ground(path: Path) -> TrueGround:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GoalPairs:
-    """Starts and goals (N, 2) [m], map, and what is true of the ways between them.
+    """Starts and goals, and whether true paths connect them.
 
     Attributes
     ----------
-    start, goal : (N, 2) float64 [m]
+    start, goal : (N, 2) float64 [m], map
     reachable : (N,) bool
-        Whether the robot can drive there in the true world.
+        Whether the robot can drive from start to goal in the true world.
     observed : (N,) bool
-        Whether it can on cells that the lasers met.
+        Whether it can on cells that the lasers measured.
     """
 
     start: NDArray[np.float64]
@@ -138,7 +141,7 @@ def read_goals(path: Path) -> GoalPairs:
     Raises
     ------
     InputError
-        If the file cannot be read or is of another kind.
+        If the file cannot be read or has other content.
     """
     with truth_file(path, "holds no goals") as archive:
         start, goal = (np.asarray(archive[name], np.float64) for name in ("start", "goal"))

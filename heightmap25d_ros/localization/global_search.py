@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where in the whole long-term map the robot may be, without a prior.
+"""Search for the robot's pose in the whole long-term map, without a prior.
 
-Every place and yaw is scored at half the resolution with few points; the best basins are then
-refined as in `registration`. All of it is one kernel over a small array, with the same score as
+Every position and yaw is scored at half the resolution with few points; the best minima are then
+refined as in `registration`. The search is one kernel over a small array, with the same score as
 the registrations that follow.
 """
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.localization import matching
-from heightmap25d_ros.localization.matching import Cost, RegistrationPoints
+from heightmap25d_ros.localization.matching import Cost, RegistrationPoints, Window
 from heightmap25d_ros.localization.registration import (
     MIN_POINTS,
     Reason,
@@ -25,12 +25,12 @@ from heightmap25d_ros.localization.registration import (
 from heightmap25d_ros.localization.surface import Surface, coarser
 from heightmap25d_ros.params.sections import RegistrationParams
 
-_POINTS = 120  # of the search
-_YAW_STEP = 1.5  # of it, in what moves the points by a cell
-_BASINS = 24  # that are refined
+_POINTS = 120  # that the search uses
+_YAW_STEP = 1.5  # of the search, in multiples of the yaw that moves the points by a cell
+_MINIMA = 24  # that are refined
 _STEPS = (1.0, 1 / 2, 1 / 4, 1 / 8)  # [cells] of the refinement
-_APART = 2  # [cells of half the resolution, steps of yaw] of two basins in the search
-_DISTINCT = 3.0  # [cells] between two places
+_APART = 2  # [cells of half the resolution, steps of yaw] between two minima of the search
+_DISTINCT = 3.0  # [cells] between two distinct poses
 _Z_RANGE = 3.0  # [m]
 
 
@@ -40,21 +40,21 @@ def relocalize(
     surface: Surface,
     params: RegistrationParams,
 ) -> Registration:
-    """Search the whole map for the place of the points.
+    """Search the whole map for the pose at which the points match.
 
     Parameters
     ----------
     points : RegistrationPoints
-        LocalCells from the pivot.
+        Relative to the pivot.
     pivot : (2,) float [m], map
-        Where the robot was thought to be; it only says what the offset is seen from.
+        The previous estimate of the robot's position: the origin of the offset, nothing else.
     surface : Surface
     params : RegistrationParams
 
     Returns
     -------
     Registration
-        Without information: a place is not a measurement until it is confirmed.
+        Without information: a pose is not a measurement until it is confirmed.
     """
     if len(points.xyz) < MIN_POINTS or np.isnan(surface.heights).all():
         return rejected(Reason.FEW_POINTS, len(points.xyz))
@@ -62,19 +62,19 @@ def relocalize(
     some = points.some(search_points(points, params.search_points))
     scale = scale_of(points, surface)
     steps = np.outer(_STEPS, scale)
-    bottoms = np.array([
+    minima = np.array([
         matching.descend(some, start, steps, surface, pivot, cost)
         for start in _starts(points, pivot, surface, cost)
     ])  # fmt: skip
     scores = np.array([
-        matching.match(some, bottom, surface, pivot, cost).score for bottom in bottoms
+        matching.match(some, minimum, surface, pivot, cost).score for minimum in minima
     ])  # fmt: skip
     best = int(scores.argmin())
-    apart = bottoms - bottoms[best]
+    apart = minima - minima[best]
     apart[:, 2] = np.angle(np.exp(1j * apart[:, 2]))
     is_other = np.linalg.norm(apart / scale, axis=1) > _DISTINCT
     ratio = float(scores[best] / scores[is_other].min()) if is_other.any() else 0.0
-    found = matching.match(points, bottoms[best], surface, pivot, cost)
+    found = matching.match(points, minima[best], surface, pivot, cost)
     reason = Reason.ACCEPTED
     if found.overlap < params.min_overlap:
         reason = Reason.LITTLE_OVERLAP
@@ -83,7 +83,7 @@ def relocalize(
     elif ratio > params.max_search_ratio:
         reason = Reason.AMBIGUOUS
     return Registration(
-        reason=reason, offset=bottoms[best], z=found.z, information=np.zeros((3, 3)),
+        reason=reason, offset=minima[best], z=found.z, information=np.zeros((3, 3)),
         overlap=found.overlap, residual=found.residual, ratio=ratio, points=len(points.xyz),
     )  # fmt: skip
 
@@ -91,21 +91,21 @@ def relocalize(
 def _starts(
     points: RegistrationPoints, pivot: tuple[float, float], surface: Surface, cost: Cost
 ) -> Array:
-    """The best hypotheses (B, 3) of the whole map that are not beside one another."""
+    """The best hypotheses (B, 3) of the whole map that are not adjacent to one another."""
     coarse = coarser(surface)
     few = points.some(search_points(points, _POINTS))
     count = int(np.ceil(2 * np.pi / (_YAW_STEP * scale_of(points, coarse)[2])))
     yaws = np.arange(count, dtype=np.float64) * (2 * np.pi / count)
     rows, columns = coarse.heights.shape
     corner = coarse.origin[0] + 0.5 * coarse.resolution, coarse.origin[1] + 0.5 * coarse.resolution
-    window = np.arange(columns), np.arange(rows), yaws
+    window = Window(np.arange(columns), np.arange(rows), yaws)
     scores = matching.search(few, window, coarse, corner, cost)
     found = []
-    for _ in range(_BASINS):
+    for _ in range(_MINIMA):
         w, iy, ix = (int(k) for k in np.unravel_index(scores.argmin(), scores.shape))
         x, y = corner[0] + ix * coarse.resolution, corner[1] + iy * coarse.resolution
         found.append((x - pivot[0], y - pivot[1], yaws[w]))
-        beside = np.arange(w - _APART, w + _APART + 1) % count
+        adjacent = np.arange(w - _APART, w + _APART + 1) % count
         rows_, columns_ = (slice(max(k - _APART, 0), k + _APART + 1) for k in (iy, ix))
-        scores[beside, rows_, columns_] = np.inf
+        scores[adjacent, rows_, columns_] = np.inf
     return np.array(found)

@@ -1,24 +1,25 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How well the points of a short-term map lie on a long-term map.
+"""The score of a hypothesis: how well the points of a short-term map lie on a long-term map.
 
 A hypothesis (x, y, yaw) turns the points about a pivot by the yaw and shifts them. Its score is
-the mean of what the points cost, in metres, the lower the better:
+the mean cost of the points in metres; lower is better:
 
-- The error of z is eliminated first: the median of the differences in height is taken out.
-- What is left of a point's difference costs, up to ``clip``.
-- Two *edges* cost nothing. An edge is a cell that stands above one beside it, or of a thin thing
-  with unknown cells on both sides: a wall, a post. Lasers see faces, not tops, so the stored
-  height of an edge depends on where the robot was, and only its place can be compared.
-- An edge over an unknown cell costs the part ``unknown`` of ``clip``, so that a world of one
-  height, as a level laser alone sees it, is matched by where there is something. Beyond what the
-  map knows nothing counts, neither edges farther than `_NEAR` cells from known ones nor other
-  points over unknown cells: a robot that looks farther than the map reaches must not be drawn
-  back into it. Half of the points count in any case, as over unknown cells where they are not
-  over others, so that no hypothesis wins by having little to compare.
+- The error of z is eliminated first: the median of the differences in height is subtracted.
+- The rest of a point's difference is its cost, up to ``clip``.
+- Two *edges* (`surface`) over each other cost nothing: only their positions can be compared.
+- An edge over an unknown cell costs the share ``unknown`` of ``clip``, so that a world of one
+  height, as a level laser alone sees it, is matched by the positions of its objects. Points beyond
+  the map are not counted, neither edges farther than `surface.NEAR` cells from known ones nor other
+  points over unknown cells: a robot that sees farther than the map reaches must not be drawn back
+  into it. At least half of the points are counted, the missing ones as points over unknown cells,
+  so that no hypothesis wins by having little to compare.
 
 The paper's score, the sum of the absolute differences over cells that are valid in both maps, is
 this one without clip, edges, unknown cells, elimination of z and mean.
+
+`match` scores one hypothesis with sub-cell accuracy, `search` many in steps of whole cells, and
+`descend` follows the score to its minimum.
 """
 
 from __future__ import annotations
@@ -34,19 +35,19 @@ from heightmap25d_ros.localization.surface import BORDER, Surface
 _BINS = 256  # of the differences in height, for their median
 _LEAST_GAIN = 1e-9  # [m] of score
 _MOST_MOVES = 40  # of a descent with one step
-_LEAST_COUNTED = 0.5  # share of the points; with fewer, others are taken for points over unknown
+_LEAST_COUNTED = 0.5  # share of the points, the missing ones as points over unknown cells
 
 
 class RegistrationPoints(NamedTuple):
-    """Places of a short-term map.
+    """Known cells of a short-term map, relative to the pivot.
 
     Attributes
     ----------
     xyz : (N, 3) float64 [m]
-        x and y seen from the pivot, along the axes of the map; z in the map.
+        x and y relative to the pivot, along the axes of the map; z in the map.
     is_edge : (N,) bool
     weight : (N,) float64
-        How much each counts.
+        Of each point in the score.
     """
 
     xyz: NDArray[np.float64]
@@ -54,21 +55,21 @@ class RegistrationPoints(NamedTuple):
     weight: NDArray[np.float64]
 
     def some(self, index: NDArray[np.int64]) -> RegistrationPoints:
-        """Those of an index."""
+        """The points of an index."""
         return RegistrationPoints(self.xyz[index], self.is_edge[index], self.weight[index])
 
 
 class Cost(NamedTuple):
-    """What a difference in height costs.
+    """Parameters of the cost of a difference in height.
 
     Attributes
     ----------
     clip : float [m]
-        The most that a point costs.
+        Highest cost of a point.
     unknown : float
-        Part of it for a point over an unknown cell.
+        Cost of a point over an unknown cell, as a share of ``clip``.
     z_range : float [m]
-        Errors of z are looked for up to plus and minus this.
+        Largest error of z, up and down.
     """
 
     clip: float
@@ -76,8 +77,22 @@ class Cost(NamedTuple):
     z_range: float
 
 
+class Window(NamedTuple):
+    """Hypotheses of a search: all combinations of these.
+
+    Attributes
+    ----------
+    x, y : (X,), (Y,) int64 [cells]
+    yaw : (W,) float64 [rad]
+    """
+
+    x: NDArray[Any]
+    y: NDArray[Any]
+    yaw: NDArray[np.float64]
+
+
 class Match(NamedTuple):
-    """What a hypothesis is worth.
+    """The score of a hypothesis, and what it consists of.
 
     Attributes
     ----------
@@ -85,9 +100,9 @@ class Match(NamedTuple):
     z : float [m]
         To be added to the points' heights.
     overlap : float
-        Share of the points, by their weight, that lie over known cells.
+        Share of the points, by weight, that lie over known cells.
     residual : float [m]
-        The mean of what these cost.
+        Mean cost of these.
     """
 
     score: float
@@ -103,9 +118,9 @@ def match(
     pivot: tuple[float, float],
     cost: Cost,
 ) -> Match:
-    """Score of a hypothesis, below the size of a cell.
+    """Score of a hypothesis, with sub-cell accuracy.
 
-    A point costs what the four cells around it say, weighted by how near their centres are.
+    The cost of a point is interpolated between the four cells around it.
 
     Parameters
     ----------
@@ -123,24 +138,23 @@ def match(
 
 def search(
     points: RegistrationPoints,
-    window: tuple[NDArray[Any], NDArray[Any], NDArray[np.float64]],
+    window: Window,
     surface: Surface,
     pivot: tuple[float, float],
     cost: Cost,
 ) -> NDArray[np.float64]:
-    """Scores of all hypotheses of a window in steps of whole cells; a point's own cell counts.
+    """Scores of all hypotheses of a window; the cost of a point is that of its own cell.
 
     Parameters
     ----------
-    window : x (X,) int64, y (Y,) int64, yaw (W,) float64 [cells, cells, rad]
+    window : Window
 
     Returns
     -------
     (W, Y, X) float64 [m]
     """
-    x, y, yaw = window
-    scores = np.empty((len(yaw), len(y), len(x)))
-    _search(*points, x, y, yaw, _cells(surface, pivot), tuple(cost), scores)
+    scores = np.empty((len(window.yaw), len(window.y), len(window.x)))
+    _search(*points, *window, _cells(surface, pivot), tuple(cost), scores)
     return scores
 
 
@@ -152,12 +166,12 @@ def descend(
     pivot: tuple[float, float],
     cost: Cost,
 ) -> NDArray[np.float64]:
-    """The hypothesis (3,) at the bottom of the basin.
+    """The hypothesis (3,) at the minimum of the score around another one.
 
     Parameters
     ----------
     steps : (S, 3) float64 [m, m, rad]
-        The 26 neighbours at each step are tried until none is better.
+        For each step the best of the 26 neighbours is taken until none is better.
     """
     return np.asarray(
         _descend(*points, hypothesis, steps, _cells(surface, pivot), tuple(cost)), np.float64
@@ -165,9 +179,9 @@ def descend(
 
 
 def _cells(surface: Surface, pivot: tuple[float, float]) -> tuple[Any, ...]:
-    """A surface for the kernels: plain, with a border of two unknown cells, and the pivot in it.
+    """A surface as plain arrays with a border of unknown cells, and the pivot in its cells.
 
-    Inside of the kernels x and y are counted in cells from the corner of the border.
+    Inside the kernels x and y are counted in cells from the corner of the border.
     """
     u, v = (np.asarray(pivot) - surface.origin) / surface.resolution + BORDER
     return (
@@ -180,7 +194,7 @@ def _cells(surface: Surface, pivot: tuple[float, float]) -> tuple[Any, ...]:
 
 @inlined_kernel
 def _inside(cell, count):
-    """A cell's row or column; the border where it is farther out."""
+    """A row or a column, clamped to the border."""
     return min(max(cell, 0), count - 1)
 
 
@@ -190,12 +204,12 @@ def _cost_of(height, is_edge, top, is_edge_too, clip):
 
 
 @inlined_kernel
-def _eliminated(  # noqa: PLR0913
+def _z_error(  # noqa: PLR0913
     columns, rows, shift_x, shift_y, xyz, edge, heights, edges, z_range, counts,
 ):  # fmt: skip
-    """Error of z over cells (N,): the median of what is counted in bins.
+    """Error of z over cells (N,): the median of the differences, by a histogram.
 
-    Edges are left out, unless there is hardly anything else.
+    Edges are excluded, unless fewer than a tenth of the points remain.
     """
     per_bin = _BINS / (2 * z_range)
     counted = 0
@@ -221,10 +235,10 @@ def _eliminated(  # noqa: PLR0913
 
 
 @inlined_kernel
-def _place(  # noqa: PLR0913
+def _positions(  # noqa: PLR0913
     xyz, yaw, u0, v0, per_metre, u, v, columns, rows,
 ):  # fmt: skip
-    """Where points, turned by a yaw, lie [cells]."""
+    """Positions [cells] of points turned by a yaw."""
     cos, sin = np.cos(yaw) * per_metre, np.sin(yaw) * per_metre
     for i in range(len(xyz)):
         u[i] = u0 + cos * xyz[i, 0] - sin * xyz[i, 1]
@@ -241,8 +255,8 @@ def _match(  # noqa: PLR0913
     clip, unknown, z_range = cost
     u, v = np.empty(len(xyz)), np.empty(len(xyz))
     columns, rows = np.empty(len(xyz), np.int64), np.empty(len(xyz), np.int64)
-    _place(xyz, yaw, u0 + x * per_metre, v0 + y * per_metre, per_metre, u, v, columns, rows)
-    z = _eliminated(columns, rows, 0, 0, xyz, edge, heights, edges, z_range, counts)
+    _positions(xyz, yaw, u0 + x * per_metre, v0 + y * per_metre, per_metre, u, v, columns, rows)
+    z = _z_error(columns, rows, 0, 0, xyz, edge, heights, edges, z_range, counts)
     over_known = known = counted = weights = 0.0
     for i in range(len(xyz)):
         left, low = np.floor(u[i] - 0.5), np.floor(v[i] - 0.5)
@@ -280,10 +294,10 @@ def _search(  # noqa: PLR0913
     columns, rows = np.empty(len(xyz), np.int64), np.empty(len(xyz), np.int64)
     least = max(_LEAST_COUNTED * weight.sum(), 1e-12)
     for w in range(len(yaws)):
-        _place(xyz, yaws[w], u0, v0, per_metre, u, v, columns, rows)
+        _positions(xyz, yaws[w], u0, v0, per_metre, u, v, columns, rows)
         for j in range(len(ys)):
             for i in range(len(xs)):
-                z = _eliminated(
+                z = _z_error(
                     columns, rows, xs[i], ys[j], xyz, edge, heights, edges, z_range, counts
                 )
                 total = known = counted = 0.0

@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The paper's registration, section IV C: ``method: paper``.
 
-On a grid of hypotheses the sum of the absolute differences in height over the cells that are
-valid in both maps, here over their number: as it stands, the sum is best where few are valid,
-and lost the robot in one lap of four. Then the average of the good ones, weighted by their
-scores. How good is good and how fine the grid is, the paper does not say: here 5 % above the
-best, and a cell and a degree. Nothing is refused. z is the long-term height where the robot is
-minus what it was thought to be; as the robot does not see the ground below itself, that is the
-median difference around it.
+A grid of hypotheses is scored by the sum of the absolute differences in height over the cells that
+are valid in both maps, here divided by their number: the plain sum is lowest where few cells are
+valid, and lost the robot in one lap of four. The result is the average of the good hypotheses,
+weighted by their scores. The paper specifies neither the threshold of a good one nor the steps of
+the grid: here 5 % above the best score, a cell and a degree. No registration is rejected for its
+score. z is the long-term height at the robot minus its estimate; as the robot does not see the
+ground below itself, it is the median difference around it.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from heightmap25d_ros.localization.matching import RegistrationPoints
 from heightmap25d_ros.localization.registration import SIGMAS, Reason, Registration, rejected
 from heightmap25d_ros.localization.surface import Surface
 
-_REACH = 1.0, 1.0, np.radians(10.0)  # [m, m, rad] of the hypotheses at most
+_REACH = 1.0, 1.0, np.radians(10.0)  # [m, m, rad] largest offset of the hypotheses
 _ANGLE = np.radians(1.0)  # between hypotheses
-_GOOD = 1.05  # times the best mean is good
-_SPREAD = 0.5  # [steps] that the average is taken to be off
-_VALID = 0.5  # of the most valid cells, that a hypothesis needs
+_GOOD = 1.05  # a hypothesis is good up to this multiple of the best mean
+_SPREAD = 0.5  # [steps] assumed standard deviation of the average
+_VALID = 0.5  # least share of the largest number of valid cells
 
 
 def register_by_paper(
     points: RegistrationPoints, pivot: tuple[float, float], surface: Surface, prior: Array
 ) -> Registration:
-    """Register points against the long-term map; parameters as of `registration.register`."""
+    """Register points against the long-term map; parameters as in `registration.register`."""
     widths = np.minimum(SIGMAS * np.sqrt(np.diag(prior)), _REACH)
     steps = np.array([surface.resolution, surface.resolution, _ANGLE])
     axes = [
@@ -58,7 +58,7 @@ def register_by_paper(
 def _difference(
     points: RegistrationPoints, hypothesis: Array, surface: Surface, pivot: tuple[float, float]
 ) -> tuple[float, int, float, float]:
-    """Sum of the absolute differences, over how many cells, their median, their mean [m]."""
+    """Sum of the absolute differences, number of cells, median difference, mean [m]."""
     x, y, yaw = hypothesis
     cos, sin = np.cos(yaw), np.sin(yaw)
     px, py, pz = points.xyz.T

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The pose of odom in the map: how registrations and drift of the odometry add up.
+"""The pose of odom in the map: a filter of registrations and odometry drift.
 
 x, y and yaw of the robot are filtered (Kalman's filter in its information form, so that a
 direction that was not observed is not corrected); z is taken as registered; roll and pitch are
-the odometry's.
+the odometry's. `SmoothCorrection` limits the rate at which the published transform follows.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.localization.registration import Registration
 from heightmap25d_ros.params.sections import LocalizationParams
 
-_DOUBT = 2.0  # by which the covariance grows
+_INFLATION = 2.0  # of the covariance after a contradiction
 
 
 class PoseFilter:
-    """The estimate.
+    """The filtered estimate of the transform from odom to map.
 
     Parameters
     ----------
@@ -42,19 +42,19 @@ class PoseFilter:
 
     @property
     def deviation(self) -> tuple[float, float]:
-        """Standard deviations: of the position along its less certain direction [m], yaw [rad]."""
+        """Standard deviations of position [m], along its less certain direction, and yaw [rad]."""
         position = np.linalg.eigvalsh(self.covariance[:2, :2])[-1]
         return float(np.sqrt(position)), float(np.sqrt(self.covariance[2, 2]))
 
-    def predict(self, T_odom_before: se3.Matrix, T_odom_base: se3.Matrix, way: float) -> None:
-        """The robot moved by odometry, over a way [m]; poses (4, 4) of it before and after."""
+    def predict(self, T_odom_before: se3.Matrix, T_odom_base: se3.Matrix, distance: float) -> None:
+        """Add the drift of a motion by odometry, given by two poses (4, 4) and a distance [m]."""
         dx, dy = (self.T_map_odom @ (T_odom_base - T_odom_before))[:2, 3]
         lever = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
         drift = self._params.position_drift, self._params.position_drift, self._params.yaw_drift
-        self.covariance = lever @ self.covariance @ lever.T + way * np.diag(np.square(drift))
+        self.covariance = lever @ self.covariance @ lever.T + distance * np.diag(np.square(drift))
 
     def correct(self, registration: Registration, T_odom_base: se3.Matrix) -> None:
-        """Take a registration in that was made with this estimate as prior."""
+        """Apply a registration that was made with this estimate as prior."""
         information = registration.information
         self.covariance = np.asarray(np.linalg.inv(np.linalg.inv(self.covariance) + information))
         x, y, yaw = self.covariance @ information @ registration.offset
@@ -63,16 +63,16 @@ class PoseFilter:
             @ self.T_map_odom
         )
 
-    def doubt(self) -> None:
-        """A registration disagreed by far: the odometry was worse than it was taken for."""
+    def inflate(self) -> None:
+        """Inflate the covariance: a registration contradicts it, so drift was underestimated."""
         if self.deviation[0] < self._params.degraded_deviation:
-            self.covariance = _DOUBT * self.covariance
+            self.covariance = _INFLATION * self.covariance
 
 
 def correction_about(
     T_map_base: se3.Matrix, shift: tuple[float, float, float], yaw: float
 ) -> se3.Matrix:
-    """What moves the robot: a turn about it, about the vertical, and a shift [m]."""
+    """The correction (4, 4), map, that shifts the robot [m] and turns it by a yaw [rad]."""
     turn = se3.from_xyz_rpy([0.0, 0.0, 0.0, 0.0, 0.0, yaw])
     position = T_map_base[:3, 3]
     turn[:3, 3] = position - turn[:3, :3] @ position + shift
@@ -80,7 +80,7 @@ def correction_about(
 
 
 class SmoothCorrection:
-    """The pose of odom in the map as it is told to others: it follows the estimate gently.
+    """The published map -> odom transform, rate-limited.
 
     Parameters
     ----------
@@ -97,13 +97,13 @@ class SmoothCorrection:
         self.T_map_odom = T_map_odom
 
     def follow(self, target: se3.Matrix, T_odom_base: se3.Matrix, seconds: float) -> None:
-        """Come nearer to the estimate (4, 4), as seen at the robot, for some time [s]."""
-        ours, theirs = self.T_map_odom @ T_odom_base, target @ T_odom_base
-        shift = theirs[:3, 3] - ours[:3, 3]
+        """Approach the estimate (4, 4) for a duration [s]; rates are limited at the robot."""
+        current, wanted = self.T_map_odom @ T_odom_base, target @ T_odom_base
+        shift = wanted[:3, 3] - current[:3, 3]
         between = target @ se3.inverse(self.T_map_odom)
         yaw = float(np.arctan2(between[1, 0], between[0, 0]))
         distance = float(np.linalg.norm(shift))
         part = min(1.0, self._params.correction_speed * seconds / max(distance, 1e-12))
         turn = min(1.0, self._params.correction_turn * seconds / max(abs(yaw), 1e-12))
         x, y, z = part * shift
-        self.T_map_odom = correction_about(ours, (x, y, z), turn * yaw) @ self.T_map_odom
+        self.T_map_odom = correction_about(current, (x, y, z), turn * yaw) @ self.T_map_odom

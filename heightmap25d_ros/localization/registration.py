@@ -1,18 +1,17 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A short-term map against the long-term map: how far the pose is off, or why that is not known.
+"""Registration of a short-term map against the long-term map: the error of the pose, or a reason.
 
 `register` searches a window around the prior in steps of whole cells with some of the points,
-refines the best basins below the size of a cell, and the best of them with all points (3000 of
-them, where there are more). What the surroundings do not observe (the way along a flat street)
-gets no information and no correction.
+refines the best minima to sub-cell accuracy, and the best of them with all points (at most 3000).
+Directions that the surroundings do not observe (along a flat street) get no information and no
+correction.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,31 +19,29 @@ from numpy.typing import NDArray
 from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.localization import matching
-from heightmap25d_ros.localization.matching import Cost, Match, RegistrationPoints
+from heightmap25d_ros.localization.matching import Cost, Match, RegistrationPoints, Window
 from heightmap25d_ros.localization.short_term import LocalCells
 from heightmap25d_ros.localization.surface import Surface
 from heightmap25d_ros.params.sections import RegistrationParams
 
-_Window = tuple[NDArray[Any], NDArray[Any], Array]
-
 MIN_POINTS = 60
-"""With fewer nothing is registered."""
+"""Least number of points that are registered."""
 
-_FRESH = 0.5  # [m] of way after which what was seen counts 1/e, since odometry drifted meanwhile
-_BASINS = 8  # that are refined
-_APART = 2  # [cells, steps of yaw] of two basins in the search
-_DISTINCT = 1.5  # [cells] between the bottoms of two basins
+_FRESH = 0.5  # [m] travelled after which a point weighs 1/e, since odometry drifts
+_MINIMA = 8  # that are refined
+_APART = 2  # [cells, steps of yaw] between two minima of the search
+_DISTINCT = 1.5  # [cells] between two distinct minima
 _COARSE_STEPS, _FINE_STEPS = (1 / 2, 1 / 4), (1 / 4, 1 / 8, 1 / 16, 1 / 32)  # [cells]
-_FINE_POINTS = 3000  # of the last pass at most
-_PENALTY = 0.003  # [clip] that a hypothesis one standard deviation from the prior costs
+_FINE_POINTS = 3000  # at most, in the last pass
+_PENALTY = 0.003  # [clip] cost of a hypothesis one standard deviation from the prior
 SIGMAS = 3.0
-"""Standard deviations of the prior that are searched."""
+"""Half the width of the search window in standard deviations of the prior."""
 
-_CERTAINTY = 250.0  # [1 / cell^2 / curvature] measured: what makes the covariance true
+_CERTAINTY = 250.0  # [1 / cell^2 / curvature] information per curvature, as measured
 
 
 class Reason(Enum):
-    """What became of a registration."""
+    """The outcome of a registration: accepted, or why it was rejected."""
 
     ACCEPTED = "accepted"
     FEW_POINTS = "too few points"
@@ -57,7 +54,7 @@ class Reason(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Registration:
-    """How far the pose of the robot is off, as seen from the prior.
+    """The error of the prior pose of the robot, or the reason why it is not known.
 
     Attributes
     ----------
@@ -73,7 +70,7 @@ class Registration:
     residual : float [m]
         Mean cost of these.
     ratio : float
-        Score over that of the second-best basin; 0 where there is none.
+        Of the score to that of the second-best minimum; 0 without one.
     points : int
     """
 
@@ -88,17 +85,19 @@ class Registration:
 
     @property
     def is_accepted(self) -> bool:
-        """Whether the pose may be corrected by it."""
+        """Whether the pose may be corrected."""
         return self.reason is Reason.ACCEPTED
 
 
 def to_registration_points(
-    seen: LocalCells, T_map_odom: se3.Matrix, T_odom_base: se3.Matrix
+    cells: LocalCells, T_map_odom: se3.Matrix, T_odom_base: se3.Matrix
 ) -> tuple[RegistrationPoints, tuple[float, float]]:
-    """RegistrationPoints of a short-term map, and the pivot: where the robot is."""
+    """Points of a short-term map, and the pivot (2,) [m], map: the position of the robot."""
     x, y = (T_map_odom @ T_odom_base)[:2, 3]
-    xyz = se3.transform_points(T_map_odom, seen.xyz) - (x, y, 0.0)
-    points = RegistrationPoints(np.ascontiguousarray(xyz), seen.is_edge, np.exp(-seen.age / _FRESH))
+    xyz = se3.transform_points(T_map_odom, cells.xyz) - (x, y, 0.0)
+    points = RegistrationPoints(
+        np.ascontiguousarray(xyz), cells.is_edge, np.exp(-cells.age / _FRESH)
+    )
     return points, (float(x), float(y))
 
 
@@ -129,25 +128,25 @@ def register(
     few = points.some(search_points(points, params.search_points))
     window = _window(prior, scale, params)
     precision = np.asarray(np.linalg.inv(prior), np.float64)
-    starts = _basins(few, window, surface, pivot, cost, precision)
-    bottoms = np.array([
+    starts = _minima(few, window, surface, pivot, cost, precision)
+    minima = np.array([
         matching.descend(few, start, np.outer(_COARSE_STEPS, scale), surface, pivot, cost)
         for start in starts
     ])  # fmt: skip
     scores = np.array([
-        matching.match(few, bottom, surface, pivot, cost).score for bottom in bottoms
-    ]) + _penalty(bottoms, precision, cost)  # fmt: skip
+        matching.match(few, minimum, surface, pivot, cost).score for minimum in minima
+    ]) + _penalty(minima, precision, cost)  # fmt: skip
     best = int(scores.argmin())
-    most = points.some(search_points(points, _FINE_POINTS))
+    fine = points.some(search_points(points, _FINE_POINTS))
     offset = matching.descend(
-        most, bottoms[best], np.outer(_FINE_STEPS, scale), surface, pivot, cost
+        fine, minima[best], np.outer(_FINE_STEPS, scale), surface, pivot, cost
     )
     found = matching.match(points, offset, surface, pivot, cost)
-    values, directions = curvature(most, offset, surface, pivot, cost, scale)
+    values, directions = curvature(fine, offset, surface, pivot, cost, scale)
     is_observed = values > 2 * params.min_curvature
     directions, values = directions[:, is_observed], values[is_observed]
     information = _information(values, directions, scale)
-    apart = np.linalg.norm((bottoms - offset) / scale @ directions, axis=1) > _DISTINCT
+    apart = np.linalg.norm((minima - offset) / scale @ directions, axis=1) > _DISTINCT
     ratio = float(scores[best] / scores[apart].min()) if apart.any() else 0.0
     deviation = _deviation(offset, prior, directions, values, scale)
     return Registration(
@@ -163,7 +162,7 @@ def register(
 
 
 def search_points(points: RegistrationPoints, count: int) -> NDArray[np.int64]:
-    """Index of points that tell most: two thirds edges, spread evenly, where there are as many."""
+    """Index of the points of a search: two thirds edges if there are enough, spread evenly."""
     edges, others = np.flatnonzero(points.is_edge), np.flatnonzero(~points.is_edge)
     of_edges = min(len(edges), max(2 * count // 3, count - len(others)))
     return np.sort(np.concatenate([_spread(edges, of_edges), _spread(others, count - of_edges)]))
@@ -177,13 +176,13 @@ def curvature(
     cost: Cost,
     scale: Array,
 ) -> tuple[Array, Array]:
-    """How the score rises around a hypothesis, one cell away: by principal directions.
+    """Curvature of the score around a hypothesis, from one cell away, by principal directions.
 
     Returns
     -------
     values : (3,) float64 [clip / cell^2]
     directions : (3, 3) float64
-        In columns; in units of ``scale``, which is what moves the points by about a cell.
+        In columns, in units of ``scale``.
     """
 
     def value(*steps: float) -> float:
@@ -203,7 +202,7 @@ def curvature(
 
 
 def rejected(reason: Reason, points: int) -> Registration:
-    """A registration that was not made."""
+    """A registration without a result."""
     return Registration(
         reason=reason, offset=np.zeros(3), z=0.0, information=np.zeros((3, 3)), overlap=0.0,
         residual=0.0, ratio=0.0, points=points,
@@ -211,7 +210,7 @@ def rejected(reason: Reason, points: int) -> Registration:
 
 
 def scale_of(points: RegistrationPoints, surface: Surface) -> Array:
-    """(3,) [m, m, rad] that move the points by about a cell."""
+    """(3,) [m, m, rad]: changes of x, y and yaw that move the points by about a cell."""
     radius = np.sqrt(np.average((points.xyz[:, :2] ** 2).sum(axis=1), weights=points.weight))
     cell = surface.resolution
     return np.array([cell, cell, cell / max(radius, cell)])
@@ -223,47 +222,47 @@ def _spread(index: NDArray[np.int64], count: int) -> NDArray[np.int64]:
     return index[np.arange(count) * len(index) // max(count, 1)]
 
 
-def _window(prior: Array, scale: Array, params: RegistrationParams) -> _Window:
-    """x, y and yaw of the hypotheses, in steps of the scale, as of `matching.search`."""
+def _window(prior: Array, scale: Array, params: RegistrationParams) -> Window:
+    """The hypotheses within the limits around the prior, in steps of the scale."""
     widths = SIGMAS * np.sqrt(np.diag(prior))
     limits = params.window_distance, params.window_distance, params.window_angle
     counts = np.ceil(np.minimum(widths, limits) / scale).astype(int)
     x, y, yaw = (np.arange(-n, n + 1) for n in np.maximum(counts, 1))
-    return x, y, yaw * scale[2]
+    return Window(x, y, yaw * scale[2])
 
 
-def _basins(
+def _minima(
     points: RegistrationPoints,
-    window: _Window,
+    window: Window,
     surface: Surface,
     pivot: tuple[float, float],
     cost: Cost,
     precision: Array,
 ) -> Array:
-    """The best hypotheses (B, 3) of a window that are not beside one another."""
+    """The best hypotheses (B, 3) of a window that are not adjacent to one another."""
     x, y, yaw = window
     scores = matching.search(points, window, surface, pivot, cost)
-    places = np.stack(np.meshgrid(yaw, y, x, indexing="ij"), axis=-1)[..., ::-1].copy()
-    places[..., :2] *= surface.resolution
-    scores += _penalty(places, precision, cost)
+    hypotheses = np.stack(np.meshgrid(yaw, y, x, indexing="ij"), axis=-1)[..., ::-1].copy()
+    hypotheses[..., :2] *= surface.resolution
+    scores += _penalty(hypotheses, precision, cost)
     found = []
-    for _ in range(_BASINS):
+    for _ in range(_MINIMA):
         w, j, i = np.unravel_index(scores.argmin(), scores.shape)
         if np.isinf(scores[w, j, i]):
             break
-        found.append(places[w, j, i])
+        found.append(hypotheses[w, j, i])
         scores[tuple(slice(max(k - _APART, 0), k + _APART + 1) for k in (w, j, i))] = np.inf
     return np.array(found)
 
 
 def _penalty(hypotheses: Array, precision: Array, cost: Cost) -> Array:
-    """What hypotheses (..., 3) cost for being away from the prior."""
+    """Cost of hypotheses (..., 3) for their distance from the prior."""
     squared = np.einsum("...i,ij,...j->...", hypotheses, precision, hypotheses)
     return np.asarray(_PENALTY * cost.clip * squared)
 
 
 def _information(values: Array, directions: Array, scale: Array) -> Array:
-    """Of the offset, from the curvature along observed directions (3, K)."""
+    """Information of the offset, from the curvature along observed directions (3, K)."""
     scaled = directions / scale[:, None]
     return np.asarray(scaled * (_CERTAINTY * values) @ scaled.T)
 

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Short-term maps: what the robot saw along its last metres, by odometry alone.
+"""Short-term maps: the robot's surroundings along its last metres, placed by odometry alone.
 
-Several of staggered age, as in Schultz and Adams (1998): when the oldest one is given up, the
-next one is mature already, and drift within one of them stays small.
+Several of staggered age are kept, as in Schultz and Adams (1998): when the oldest one is dropped,
+the next one is mature already, and drift within one of them stays small.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from heightmap25d_ros.mapping.mapper import Mapper
 from heightmap25d_ros.mapping.sensor_model import Beams
 from heightmap25d_ros.params.sections import GridParams, Params
 
-_RADIAN = 0.5  # [m] of way that turning by a radian counts as
+_RADIAN = 0.5  # [m] of travel equivalent to one radian of turning
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,11 +32,11 @@ class LocalCells:
     Attributes
     ----------
     xyz : (N, 3) float64 [m], odom
-        Where a cell's newest return of about its height was, and its height.
+        Position of a cell's newest return at about its height, and its height.
     is_edge : (N,) bool
-        As of `matching`.
+        As in `surface.edges`.
     age : (N,) float64 [m]
-        Way since that return.
+        Distance travelled since that return.
     """
 
     xyz: NDArray[np.float64]
@@ -45,21 +45,21 @@ class LocalCells:
 
 
 class ShortTermMap:
-    """One map, in a grid whose middle is where it was started.
+    """One map, in a grid centred on the position at which it was started.
 
     Parameters
     ----------
     start : (3,) float64 [m], odom
         Position of the robot.
-    way, stamp_ns : float [m], int [ns]
-        Of the robot at its start.
+    distance, stamp_ns : float [m], int [ns]
+        Distance travelled by the robot, and time, at the start of the map.
     params : Params
     """
 
     def __init__(
-        self, start: NDArray[np.float64], way: float, stamp_ns: int, params: Params
+        self, start: NDArray[np.float64], distance: float, stamp_ns: int, params: Params
     ) -> None:
-        self.way, self.stamp_ns = way, stamp_ns
+        self.distance, self.stamp_ns = distance, stamp_ns
         self._start = start
         self._threshold = params.mapper.probability_threshold
         self._tolerance = round(params.mapper.height_tolerance / HEIGHT_RESOLUTION)
@@ -67,12 +67,12 @@ class ShortTermMap:
         extent = 2.0 * (params.sensor.max_range + params.short_term.length)
         self._grid = HeightGrid(GridParams(resolution=params.grid.resolution, extent=extent))
         self._mapper = Mapper(self._grid, params.sensor, params.mapper)
-        # Of each cell's newest return x, y and way; float32 reaches for a map of this size.
+        # x, y and distance travelled of each cell's newest return; float32 suffices for this.
         self._newest = np.zeros((*self._grid.geometry.shape, 3), np.float32)
         self._newest[:, :, 2] = -1.0
 
-    def integrate(self, beams: Beams, way: float) -> None:
-        """Merge beams, in odom; the way [m] of the robot tells the age of what it saw."""
+    def integrate(self, beams: Beams, distance: float) -> None:
+        """Integrate beams, in odom, taken at a distance travelled [m]."""
         ends = beams.ends - self._start
         is_hit = beams.is_hit & ~beams.is_lone
         self._mapper.integrate(
@@ -84,13 +84,13 @@ class ShortTermMap:
             )
         )
         geometry = self._grid.geometry
-        _note(
-            ends, is_hit, way - self.way, self._grid.height.cells, geometry.origin,
+        _store_newest(
+            ends, is_hit, distance - self.distance, self._grid.height.cells, geometry.origin,
             geometry.resolution, self._tolerance, self._newest,
         )  # fmt: skip
 
     def height_map(self) -> HeightMap:
-        """The map in odom: cells of its own, heights above the odometry's ground zero."""
+        """The map in odom, on a lattice of its own; heights are relative to z = 0 of odom."""
         height_map = self._grid.read(self._threshold)
         x, y, z = self._start
         geometry = height_map.geometry
@@ -104,31 +104,32 @@ class ShortTermMap:
             ),
         )
 
-    def local_cells(self, way: float) -> LocalCells:
-        """Its known cells, as seen at a way [m] of the robot."""
+    def local_cells(self, distance: float) -> LocalCells:
+        """Its known cells, with their ages at a distance travelled [m]."""
         area = self._grid.observed_area()
         height_map = self._grid.read(self._threshold, area)
         newest = self._newest[area.slices(self._grid.area)]
         is_used = height_map.known & (newest[:, :, 2] >= 0.0)
+        # Not `HeightMap.metres`: edges are found in single precision, as on the long-term map.
         height = height_map.height * np.float32(HEIGHT_RESOLUTION)
         heights = np.where(height_map.known, height, np.float32(np.nan))
         xyz = np.column_stack([newest[is_used][:, :2], height[is_used]])
         return LocalCells(
             xyz=xyz.astype(np.float64) + self._start,
             is_edge=surface.edges(heights, self._edge_step)[is_used],
-            age=way - self.way - newest[is_used][:, 2].astype(np.float64),
+            age=distance - self.distance - newest[is_used][:, 2].astype(np.float64),
         )
 
     @property
     def known_cells(self) -> int:
-        """How many cells are known."""
+        """Number of known cells."""
         probability = self._grid.probability.read(self._grid.observed_area())
         return int((probability >= stored_probability(self._threshold)).sum())
 
 
 @kernel
-def _note(ends, is_hit, way, heights, corner, resolution, tolerance, newest):
-    """Keep the places of returns that are not far below what their cells hold."""
+def _store_newest(ends, is_hit, distance, heights, corner, resolution, tolerance, newest):
+    """Store the positions of returns whose height is about that of their cells."""
     for i in range(len(ends)):
         ix = int(np.floor((ends[i, 0] - corner[0]) / resolution))
         iy = int(np.floor((ends[i, 1] - corner[1]) / resolution))
@@ -137,11 +138,11 @@ def _note(ends, is_hit, way, heights, corner, resolution, tolerance, newest):
         height = heights[iy // TILE, ix // TILE, iy % TILE, ix % TILE]
         if abs(ends[i, 2] / HEIGHT_RESOLUTION - height) <= tolerance:
             newest[iy, ix, 0], newest[iy, ix, 1] = ends[i, 0], ends[i, 1]
-            newest[iy, ix, 2] = way
+            newest[iy, ix, 2] = distance
 
 
 class ShortTermMaps:
-    """The maps of staggered age.
+    """Short-term maps of staggered age.
 
     Parameters
     ----------
@@ -150,53 +151,60 @@ class ShortTermMaps:
     Attributes
     ----------
     params : Params
-        Of the maps that are to come.
-    way : float [m]
-        Driven so far.
+        Used by maps that are started from now on.
+    distance : float [m]
+        Travelled so far, as of `distance_travelled`.
     """
 
     def __init__(self, params: Params) -> None:
-        self.way = 0.0
+        self.distance = 0.0
         self.params = params
         self._stamp_ns = 0
         self._T_odom_base: se3.Matrix | None = None
         self._maps: list[ShortTermMap] = []
 
     def clear(self) -> None:
-        """Start anew: what was seen so far does not go with what will be seen."""
+        """Drop all maps: past readings are not consistent with future ones."""
         self._maps.clear()
         self._T_odom_base = None
 
     def integrate(self, beams: Beams, T_odom_base: se3.Matrix, stamp_ns: int) -> None:
-        """Merge beams, in odom, taken at a pose (4, 4) of the robot."""
+        """Integrate beams, in odom, taken at a pose (4, 4) of the robot."""
         params = self.params.short_term
         if self._T_odom_base is not None:
-            self.way += way_between(self._T_odom_base, T_odom_base)
+            self.distance += distance_travelled(self._T_odom_base, T_odom_base)
         self._T_odom_base, self._stamp_ns = T_odom_base, stamp_ns
         spacing = params.length / params.maps
-        if self._maps and self.way - self._maps[0].way > params.length:
+        if self._maps and self.distance - self._maps[0].distance > params.length:
             self._maps.pop(0)
-        if not self._maps or self.way - self._maps[-1].way >= spacing:
+        if not self._maps or self.distance - self._maps[-1].distance >= spacing:
             self._maps.append(
-                ShortTermMap(T_odom_base[:3, 3].copy(), self.way, stamp_ns, self.params)
+                ShortTermMap(T_odom_base[:3, 3].copy(), self.distance, stamp_ns, self.params)
             )
         for short_term_map in self._maps:
-            short_term_map.integrate(beams, self.way)
+            short_term_map.integrate(beams, self.distance)
 
     def mature(self) -> ShortTermMap | None:
-        """The oldest one, if it is old and full enough."""
+        """The oldest map, if it is old enough and has enough known cells."""
         if not self._maps:
             return None
         oldest, params = self._maps[0], self.params.short_term
         is_old = (
-            self.way - oldest.way >= params.mature_distance
+            self.distance - oldest.distance >= params.mature_distance
             or self._stamp_ns - oldest.stamp_ns >= params.mature_time * 1e9
         )
         return oldest if is_old and oldest.known_cells >= params.mature_cells else None
 
 
-def way_between(T_before: se3.Matrix, T_after: se3.Matrix) -> float:
-    """Way [m] from a pose (4, 4) to the next; turning counts as well."""
+def distance_travelled(T_before: se3.Matrix, T_after: se3.Matrix) -> float:
+    """Distance [m] from a pose (4, 4) to the next; a radian of turning counts as half a metre.
+
+    Examples
+    --------
+    >>> half_turn = se3.from_xyz_rpy([1.0, 0.0, 0.0, 0.0, 0.0, np.pi])
+    >>> round(distance_travelled(np.eye(4), half_turn), 3)
+    2.571
+    """
     motion = se3.inverse(T_before) @ T_after
     turn = abs(np.arctan2(motion[1, 0], motion[0, 0]))
     return float(np.linalg.norm(motion[:3, 3]) + _RADIAN * turn)

@@ -1,24 +1,10 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How well the points of a short-term map lie on a long-term map.
+"""A long-term map in the form that registration uses: heights in metres, and edges.
 
-A hypothesis (x, y, yaw) turns the points about a pivot by the yaw and shifts them. Its score is
-the mean of what the points cost, in metres, the lower the better:
-
-- The error of z is eliminated first: the median of the differences in height is taken out.
-- What is left of a point's difference costs, up to ``clip``.
-- Two *edges* cost nothing. An edge is a cell that stands above one beside it, or of a thin thing
-  with unknown cells on both sides: a wall, a post. Lasers see faces, not tops, so the stored
-  height of an edge depends on where the robot was, and only its place can be compared.
-- An edge over an unknown cell costs the part ``unknown`` of ``clip``, so that a world of one
-  height, as a level laser alone sees it, is matched by where there is something. Beyond what the
-  map knows nothing counts, neither edges farther than `_NEAR` cells from known ones nor other
-  points over unknown cells: a robot that looks farther than the map reaches must not be drawn
-  back into it. Half of the points count in any case, as over unknown cells where they are not
-  over others, so that no hypothesis wins by having little to compare.
-
-The paper's score, the sum of the absolute differences over cells that are valid in both maps, is
-this one without clip, edges, unknown cells, elimination of z and mean.
+An *edge* is a known cell that stands above another one within two cells, or belongs to a thin
+object with unknown cells on both sides: a wall, a post. Lasers measure faces, not tops, so the
+stored height of an edge depends on where the robot was, and only its position can be compared.
 """
 
 from __future__ import annotations
@@ -32,13 +18,13 @@ from scipy import ndimage
 
 from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, HeightMap
 
-_NEAR = 8  # [cells] from known cells to unknown ones that count
-BORDER = _NEAR + 2  # [cells] of unknown ones around a surface
+NEAR = 8  # [cells] from known cells within which unknown cells count
+BORDER = NEAR + 2  # [cells] width of the unknown border around a surface
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A long-term map as the kernels take it.
+    """A long-term map for the kernels of `matching`.
 
     Attributes
     ----------
@@ -57,18 +43,19 @@ class Surface:
 
     @cached_property
     def bordered(self) -> tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.bool_]]:
-        """Heights, edges and what counts, with a border of unknown cells.
+        """Heights, edges, and cells near known ones, with a border of unknown cells.
 
-        Made once: a map may be large.
+        Cached: a map may be large.
         """
         heights = np.pad(self.heights, BORDER, constant_values=np.nan)
-        around = 2 * _NEAR + 1
+        around = 2 * NEAR + 1
         counts = ndimage.maximum_filter(~np.isnan(heights), around, mode="constant")
         return heights, np.pad(self.is_edge, BORDER), counts
 
 
 def surface_of(height_map: HeightMap, edge_step: float) -> Surface:
     """The known heights of a map, and its edges."""
+    # Not `HeightMap.metres`: kernels and edges work in single precision.
     heights = height_map.height.astype(np.float32) * np.float32(HEIGHT_RESOLUTION)
     heights[~height_map.known] = np.nan
     geometry = height_map.geometry
@@ -77,10 +64,10 @@ def surface_of(height_map: HeightMap, edge_step: float) -> Surface:
 
 
 def edges(heights: NDArray[np.float32], step: float) -> NDArray[np.bool_]:
-    """Known cells that stand above another one within two cells by a step, or are of a thin thing.
+    """Known cells that are by a step above another one within two cells, or in a thin object.
 
-    Thin things have unknown cells on both sides within two cells, in a row or in a column. Where
-    ground ends in unknown cells it is no edge: that is as far as was seen.
+    A thin object has unknown cells on both sides within two cells, in a row or in a column. Where
+    ground ends at unknown cells there is no edge: it is only the end of the observed area.
     """
     rows, columns = heights.shape
     around = np.pad(heights, 2, constant_values=np.nan)
@@ -102,7 +89,7 @@ def edges(heights: NDArray[np.float32], step: float) -> NDArray[np.bool_]:
 
 
 def coarser(surface: Surface) -> Surface:
-    """At half the resolution: the highest of four cells; an edge where one of them is."""
+    """The surface at half the resolution: the highest of four cells; an edge if one of them is."""
     rows, columns = (-(-side // 2) * 2 for side in surface.heights.shape)
     grow = ((0, rows - surface.heights.shape[0]), (0, columns - surface.heights.shape[1]))
     blocks = (rows // 2, 2, columns // 2, 2)

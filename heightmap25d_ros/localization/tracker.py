@@ -1,6 +1,10 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Continuous localization: short-term maps are registered as the robot drives."""
+"""Continuous localization: short-term maps are registered against the long-term map while driving.
+
+`Tracker` combines the other modules of this room: it predicts with the odometry, registers when a
+short-term map is due, and searches the whole map when the robot is lost or a search is requested.
+"""
 
 from __future__ import annotations
 
@@ -22,18 +26,18 @@ from heightmap25d_ros.localization.registration import (
     register,
     to_registration_points,
 )
-from heightmap25d_ros.localization.short_term import ShortTermMap, ShortTermMaps, way_between
+from heightmap25d_ros.localization.short_term import ShortTermMap, ShortTermMaps, distance_travelled
 from heightmap25d_ros.localization.surface import Surface
 from heightmap25d_ros.localization.tracking_state import Health, State
 from heightmap25d_ros.mapping.sensor_model import Beams
 from heightmap25d_ros.params.sections import Params
 
-_PLACE_COVARIANCE = np.diag([0.15**2, 0.15**2, 0.03**2])  # of what is found in the whole map
-_SEARCH_WAY = 1.0  # [m] from one search of the whole map to the next
+_CANDIDATE_COVARIANCE = np.diag([0.15**2, 0.15**2, 0.03**2])  # of a pose found in the whole map
+_SEARCH_INTERVAL = 1.0  # [m] travelled between two searches of the whole map
 
 
 class Kind(Enum):
-    """What was tried with a short-term map."""
+    """The purpose of a registration."""
 
     TRACKING = "tracking"
     SEARCH = "search"
@@ -42,14 +46,14 @@ class Kind(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Attempt:
-    """One try to register, and what came of it.
+    """One attempt to register, and its outcome.
 
     Attributes
     ----------
     stamp_ns : int [ns]
     kind : Kind
     registration : Registration
-        Of a search: as seen from the pose before.
+        Of a search: relative to the pose before.
     state : State
         After it.
     T_map_base : (4, 4) float64
@@ -57,8 +61,9 @@ class Attempt:
     deviation : (2,) float [m], [rad]
         Standard deviations of position and yaw after it.
     points : RegistrationPoints
+        The registered points at the prior pose.
     pivot : (2,) float [m], map
-        What was registered, as seen from the prior.
+        Position of the robot at the prior pose.
     """
 
     stamp_ns: int
@@ -72,7 +77,7 @@ class Attempt:
 
 
 class _View(NamedTuple):
-    """What is registered, and against what."""
+    """The input of a registration."""
 
     surface: Surface
     points: RegistrationPoints
@@ -81,7 +86,7 @@ class _View(NamedTuple):
 
 
 class Tracker:
-    """The estimate of the pose over the long-term map.
+    """Estimates the pose of the robot on the long-term map.
 
     Parameters
     ----------
@@ -97,7 +102,20 @@ class Tracker:
     estimate : PoseFilter
     health : Health
     jumps : int
-        How often the estimate was replaced, not corrected.
+        Number of times that the estimate was replaced, not corrected.
+
+    Examples
+    --------
+    Without a long-term map the estimate follows the odometry, and its uncertainty grows:
+
+    >>> tracker = Tracker(Params(), np.eye(4), np.diag([0.01, 0.01, 0.001]))
+    >>> tracker.move(np.eye(4))
+    >>> tracker.move(se3.from_xyz_rpy([2.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    >>> position, yaw = tracker.estimate.deviation
+    >>> round(position, 3), round(yaw, 3)
+    (0.164, 0.035)
+    >>> tracker.health.state.name
+    'DEGRADED'
     """
 
     def __init__(self, params: Params, T_map_odom: se3.Matrix, covariance: Array) -> None:
@@ -111,54 +129,60 @@ class Tracker:
         self.set_pose(T_map_odom, covariance)
 
     def set_params(self, params: Params) -> None:
-        """Go on with other parameters; short-term maps take them when they begin."""
+        """Apply new parameters; short-term maps that have been started keep theirs."""
         self._params = params
         self._short_term.params = params
 
     def set_pose(self, T_map_odom: se3.Matrix, covariance: Array) -> None:
-        """The robot is somewhere else than was thought."""
+        """Replace the estimate by another pose."""
         self.estimate = PoseFilter(self._params.localization, T_map_odom, covariance)
         self.health.begin()
         self.jumps += 1
         self._candidate: PoseFilter | None = None
         self._confirmed = 0
-        self._tried_way = self._searched_way = -np.inf
+        self._attempt_distance = self._search_distance = -np.inf
 
     def forget(self) -> None:
-        """What was seen so far does not go with what will be seen: odometry has jumped."""
+        """Drop the short-term maps: odometry has jumped, and they are not consistent any more."""
         self._short_term.clear()
         self._T_odom_base = None
         self._candidate = None
 
     def request_search(self) -> None:
-        """Search the whole map as soon as there is something to search with."""
+        """Search the whole map as soon as a short-term map is mature."""
         self._is_search_wanted = True
-        self._searched_way = -np.inf
+        self._search_distance = -np.inf
 
     def short_term_map(self) -> ShortTermMap | None:
-        """The one that is registered next, if it is mature."""
+        """The short-term map that is registered next, if it is mature."""
         return self._short_term.mature()
 
     def move(self, T_odom_base: se3.Matrix) -> None:
-        """The robot is at a pose (4, 4) by odometry now."""
+        """Predict with the newest pose (4, 4) of the odometry."""
         if self._T_odom_base is not None:
-            way = way_between(self._T_odom_base, T_odom_base)
+            distance = distance_travelled(self._T_odom_base, T_odom_base)
             for estimate in filter(None, (self.estimate, self._candidate)):
-                estimate.predict(self._T_odom_base, T_odom_base, way)
+                estimate.predict(self._T_odom_base, T_odom_base, distance)
         self._T_odom_base = T_odom_base
 
-    def take(self, beams: Beams, T_odom_base: se3.Matrix, stamp_ns: int) -> Attempt | None:
-        """Take the beams of a scan in, in odom, with the pose (4, 4) of the robot."""
+    def integrate(self, beams: Beams, T_odom_base: se3.Matrix, stamp_ns: int) -> Attempt | None:
+        """Integrate the beams of a scan, in odom, with the pose (4, 4) of the robot.
+
+        Returns
+        -------
+        Attempt or None
+            None if no registration was due.
+        """
         self._short_term.integrate(beams, T_odom_base, stamp_ns)
-        way = self._short_term.way
+        distance = self._short_term.distance
         if self.surface is None or not (self._is_registration_due() or self._is_search_due()):
             return None
         short_term_map = self._short_term.mature()
         if short_term_map is None:
             return None
         prior = self._candidate or self.estimate
-        seen = short_term_map.local_cells(way)
-        points, pivot = to_registration_points(seen, prior.T_map_odom, T_odom_base)
+        cells = short_term_map.local_cells(distance)
+        points, pivot = to_registration_points(cells, prior.T_map_odom, T_odom_base)
         view = _View(self.surface, points, pivot, T_odom_base)
         if self._candidate is not None:
             kind, found = Kind.CONFIRMATION, self._confirm(self._candidate, view)
@@ -166,7 +190,7 @@ class Tracker:
             kind, found = Kind.SEARCH, self._search(view)
         else:
             kind, found = Kind.TRACKING, self._track(view)
-        self._tried_way = way
+        self._attempt_distance = distance
         return Attempt(
             stamp_ns=stamp_ns,
             kind=kind,
@@ -179,17 +203,18 @@ class Tracker:
         )
 
     def _is_registration_due(self) -> bool:
-        """Where the robot is lost, only what was found in the whole map is worth registering."""
+        """A lost robot registers only to confirm a pose found in the whole map."""
         is_lost = self.health.state is State.LOST and self._candidate is None
-        passed = self._short_term.way - self._tried_way
-        return not is_lost and passed >= self._params.localization.interval
+        travelled = self._short_term.distance - self._attempt_distance
+        return not is_lost and travelled >= self._params.localization.interval
 
     def _is_search_due(self) -> bool:
         is_lost = self.health.state is State.LOST
         is_wanted = self._is_search_wanted or (
             is_lost and self._params.localization.relocalize_when_lost
         )
-        return is_wanted and self._short_term.way - self._searched_way >= _SEARCH_WAY
+        travelled = self._short_term.distance - self._search_distance
+        return is_wanted and travelled >= _SEARCH_INTERVAL
 
     def _register(self, estimate: PoseFilter, view: _View) -> Registration:
         params, prior = self._params.registration, estimate.covariance
@@ -200,7 +225,7 @@ class Tracker:
         if found.is_accepted:
             estimate.correct(found, view.T_odom_base)
         elif found.reason is Reason.FAR_FROM_PRIOR:
-            estimate.doubt()
+            estimate.inflate()
         return found
 
     def _track(self, view: _View) -> Registration:
@@ -209,21 +234,21 @@ class Tracker:
         return found
 
     def _search(self, view: _View) -> Registration:
-        """Look for a candidate in the whole map; the estimate stays."""
-        self._searched_way = self._short_term.way
+        """Search for a candidate in the whole map; the estimate is not changed."""
+        self._search_distance = self._short_term.distance
         found = relocalize(view.points, view.pivot, view.surface, self._params.registration)
         if found.is_accepted:
             T_map_odom = self.estimate.T_map_odom
             x, y, yaw = found.offset
-            to_place = correction_about(T_map_odom @ view.T_odom_base, (x, y, found.z), yaw)
+            T_candidate = correction_about(T_map_odom @ view.T_odom_base, (x, y, found.z), yaw)
             self._candidate = PoseFilter(
-                self._params.localization, to_place @ T_map_odom, _PLACE_COVARIANCE
+                self._params.localization, T_candidate @ T_map_odom, _CANDIDATE_COVARIANCE
             )
             self._confirmed = 0
         return found
 
     def _confirm(self, candidate: PoseFilter, view: _View) -> Registration:
-        """Hold a candidate against what was seen since; take it or drop it."""
+        """Register with a candidate as prior; accept it or drop it."""
         found = self._register(candidate, view)
         if not found.is_accepted:
             self._candidate = None

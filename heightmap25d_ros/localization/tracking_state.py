@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How sure the localization is: TRACKING, DEGRADED, LOST, with hysteresis."""
+"""The state of localization, TRACKING, DEGRADED or LOST, with hysteresis."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _CONTRADICTIONS = (Reason.LITTLE_OVERLAP, Reason.HIGH_RESIDUAL, Reason.FAR_FROM_
 
 
 class State(IntEnum):
-    """As in heightmap25d_msgs/LocalizationStatus."""
+    """The codes of heightmap25d_msgs/LocalizationStatus."""
 
     TRACKING = 0
     DEGRADED = 1
@@ -21,12 +21,12 @@ class State(IntEnum):
 
 
 class Health:
-    """The state that registrations lead to.
+    """The state of localization, updated by registrations.
 
-    Several in a row are needed to come to TRACKING, and several contradictions in a row to leave
-    it. What says nothing (a flat place, a place that looks like another) is no contradiction; the
-    pose grows uncertain meanwhile, and that degrades the state as well. Out of LOST only a new
-    pose leads.
+    Several accepted ones in a row are needed for TRACKING, and several contradictions in a row to
+    leave it. A registration without information (flat or ambiguous surroundings) is no
+    contradiction; the uncertainty of the pose grows meanwhile, which degrades the state as well.
+    Only a new pose leads out of LOST.
 
     Parameters
     ----------
@@ -42,12 +42,12 @@ class Health:
         self.begin()
 
     def begin(self, *, is_confirmed: bool = False) -> None:
-        """A new pose: from outside, or from the whole map and confirmed already."""
+        """Start with a new pose: a given one, or one that is confirmed already."""
         self.state = State.TRACKING if is_confirmed else State.DEGRADED
         self._accepted = self._contradicted = 0
 
     def update(self, registration: Registration, deviation: float) -> None:
-        """Take a registration in, and the standard deviation [m] of the position after it."""
+        """Update by a registration and the standard deviation [m] of the position after it."""
         if self.state is State.LOST:
             return
         if registration.is_accepted:

@@ -32,9 +32,7 @@ from heightmap25d_ros.params.sections import MapperParams, SensorParams
 _OBSERVED = 1  # a tile_top: observed, though no cell of the tile has a height now
 _TILE_CELLS = TILE * TILE
 _TICKS = 2.0**40  # along a beam from end to end, however long it is
-_FEW = (
-    1024  # [ticks] of tolerance for rounding; a cell that a beam crosses for less is only touched
-)
+_FEW = 1024  # [ticks] of tolerance: a cell that a beam crosses for less is only touched
 _ENDLESS = 2.0**57  # [ticks per cell] of a beam that does not leave it along an axis
 _LEVEL = 0.25  # [cm] least fall of a beam that is assumed when tiles are skipped
 _GOLDEN = 2654435761  # Knuth's multiplicative hashing, for a hash set of cells

@@ -80,7 +80,7 @@ def as_yaml(params: Params) -> str:
             lines.append(f"    {section}:")
         facts = ", ".join(filter(None, [spec.unit, spec.range_text]))
         comment = spec.meaning + (f" [{facts}]" if facts else "")
-        # ROS cannot tell the type of an empty list, and refuses it.
+        # An empty list has no type in a ROS parameter file, which is an error there.
         hidden = "# " if value == () else ""
         lines += [f"{indent}# {comment}", f"{indent}{hidden}{name}: {_yaml_value(value)}"]
     return "\n".join(lines) + "\n"

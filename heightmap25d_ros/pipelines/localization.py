@@ -17,7 +17,7 @@ from heightmap25d_ros.io import decode
 from heightmap25d_ros.io.decode import Odometry
 from heightmap25d_ros.localization import matching, registration
 from heightmap25d_ros.localization.pose_filter import SmoothCorrection
-from heightmap25d_ros.localization.short_term import ShortTermMaps, way_between
+from heightmap25d_ros.localization.short_term import ShortTermMaps, distance_travelled
 from heightmap25d_ros.localization.surface import Surface, surface_of
 from heightmap25d_ros.localization.tracker import Attempt, Tracker
 from heightmap25d_ros.localization.tracking_state import State
@@ -243,7 +243,7 @@ class Localizer:
 
     def _mend_jump(self, before: Odometry, odometry: Odometry) -> None:
         """Where odometry jumps, the robot has not: it stays where it was in the map."""
-        way = way_between(before.T, odometry.T)
+        way = distance_travelled(before.T, odometry.T)
         seconds = (odometry.stamp_ns - before.stamp_ns) * 1e-9
         if way <= self._params.localization.max_odom_step * max(1.0, seconds):
             return
@@ -271,7 +271,7 @@ class Localizer:
                 self._params.sensor,
                 self._params.mapper.lone_return,
             )
-            attempt = self._tracker.take(beams, reading.T_map_base[-1], reading.scan.stamp_ns)
+            attempt = self._tracker.integrate(beams, reading.T_map_base[-1], reading.scan.stamp_ns)
             if attempt is not None:
                 attempts.append(attempt)
         return attempts
@@ -284,5 +284,5 @@ class Localizer:
             self._smooth.T_map_odom = target
             return
         seconds = (odometry.stamp_ns - before.stamp_ns) * 1e-9
-        if way_between(before.T, odometry.T) > _STILL * seconds:
+        if distance_travelled(before.T, odometry.T) > _STILL * seconds:
             self._smooth.follow(target, odometry.T, seconds)

@@ -285,7 +285,7 @@ def _best_direction(plan: Plan, point: Array) -> float | None:
     iy, ix = graph.geometry.cell_at(point)
     if not graph.geometry.contains((iy, ix)) or field[iy, ix] == UNREACHABLE:
         return None
-    cells = field.way((int(iy), int(ix)))
+    cells = field.cheapest_path((int(iy), int(ix)))
     ahead = cells[min(len(cells) - 1, round(AHEAD / graph.geometry.resolution))]
     step = ahead - (iy, ix)
     return math.atan2(*step) if step.any() else None

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """From terrain and a goal to a path, or the reason why there is none.
 
-`graph` says where the robot's middle may be and what each transition costs, `search` makes the
-cost-to-go field, `smoothing` an any-angle path, and `collision` checks the robot's rectangle along
-it. `planner` does all of it.
+`graph` holds the cells that the robot may enter and the cost of each transition, `search` computes
+the cost to go, `smoothing` makes an any-angle path of it, and `collision` checks the robot's
+rectangle along the path. `planner` runs all of it; `plan` are its data types.
 """

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Two instructions of the machine that numba does not offer, for its kernels."""
+"""Two machine instructions that numba does not offer, for its kernels."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from numba.extending import intrinsic
 
 @intrinsic
 def prefetch(typing_context: Any, array: Any, index: Any) -> Any:
-    """Begin to load the cache line of ``array[index]``, a flat contiguous array; not checked."""
+    """Prefetch the cache line of ``array[index]``, a flat contiguous array; no bounds check."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         entry = cgutils.create_struct_proxy(array)(context, builder, value=arguments[0])
@@ -34,7 +34,7 @@ def prefetch(typing_context: Any, array: Any, index: Any) -> Any:
 
 @intrinsic
 def lowest_bit(typing_context: Any, mask: Any) -> Any:
-    """Index of the lowest bit that is set in an int64, which must not be zero."""
+    """Index of the lowest bit that is set in an int64 other than zero."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.cttz(arguments[0], ir.IntType(1)(1))

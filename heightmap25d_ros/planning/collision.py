@@ -1,6 +1,10 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where the robot fits: its disc over all cells, and its rectangle along a path."""
+"""Clearance of the robot from obstacles: its disc over all cells, its rectangle along a path.
+
+`collision_free` and `closeness` are for the graph, over whole maps; `first_overlap` and
+`least_clearance` check one path.
+"""
 
 from __future__ import annotations
 
@@ -10,29 +14,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heightmap25d_ros.kernels import kernel
-from heightmap25d_ros.params.sections import PlannerParams, TraversabilityParams
 from heightmap25d_ros.terrain.ground_plane import footprint, inflate
 
 _FREE, _TOUCHED, _SOLID = np.int8(0), 99, 100
 
 FARTHEST = 5.0
-"""Clearances beyond this are not looked for [m]."""
+"""Largest clearance that is measured [m]."""
 
 
 def first_overlap(
-    solid: NDArray[np.bool_], poses: NDArray[np.float64], size: tuple[float, float]
+    solid: NDArray[np.bool_], poses: NDArray[np.float64], length: float, width: float
 ) -> int:
-    """Index of the first pose at which the centre of a solid cell is in the rectangle, or -1.
+    """Index of the first pose at which the rectangle contains the centre of a solid cell, or -1.
 
     Parameters
     ----------
     solid : (rows, columns) bool
     poses : (N, 3) float64 [cells, rad]
-        y, x of the rectangle's middle and its heading.
-    size : (2,) float [cells]
-        Length, along the heading, and width.
+        y, x of the rectangle's centre and its heading.
+    length, width : float [cells]
+        Along the heading and across it.
+
+    Examples
+    --------
+    >>> solid = np.array([[False, False, False, True]])
+    >>> first_overlap(solid, np.array([[0.5, 0.5, 0.0], [0.5, 2.5, 0.0]]), 2.0, 1.0)
+    1
     """
-    return int(_first_overlap(solid, poses, 0.5 * size[0], 0.5 * size[1]))
+    return int(_first_overlap(solid, poses, 0.5 * length, 0.5 * width))
 
 
 @kernel
@@ -54,7 +63,7 @@ def _first_overlap(solid, poses, half_length, half_width):
 def least_clearance(solid: NDArray[np.bool_], points: NDArray[np.float64], reach: float) -> float:
     """Distance [cells] from the nearest of points (N, 2) to the nearest solid cell's centre.
 
-    ``reach`` [cells] where none is nearer.
+    At most ``reach`` [cells].
     """
     return float(_least_clearance(solid, points, reach))
 
@@ -63,7 +72,7 @@ def least_clearance(solid: NDArray[np.bool_], points: NDArray[np.float64], reach
 def _least_clearance(solid, points, reach):
     for i in range(len(points)):
         y, x = points[i, 0], points[i, 1]
-        # What is nearer already bounds how far the next points have to look.
+        # The least distance so far bounds the search around the next points.
         for iy in range(max(int(y - reach), 0), min(int(y + reach) + 1, solid.shape[0])):
             for ix in range(max(int(x - reach), 0), min(int(x + reach) + 1, solid.shape[1])):
                 if solid[iy, ix]:
@@ -74,19 +83,28 @@ def _least_clearance(solid, points, reach):
 def collision_free(
     occupied: NDArray[np.bool_],
     forbidden: NDArray[np.bool_],
-    params: tuple[TraversabilityParams, PlannerParams],
+    robot_radius: float,
+    unknown_margin: float,
     resolution: float,
 ) -> NDArray[np.bool_]:
-    """Where the robot's middle may be: far enough from occupied and from forbidden cells."""
-    terrain, planner = params
+    """Cells that may contain the robot's centre.
+
+    Parameters
+    ----------
+    occupied, forbidden : (rows, columns) bool
+    robot_radius : float [m]
+        Least distance from the centre of an occupied cell.
+    unknown_margin : float [m]
+        Least distance from the centre of a forbidden cell.
+    resolution : float [m]
+    """
     return np.asarray(
-        ~_near(occupied, terrain.robot_radius, resolution)
-        & ~_near(forbidden, planner.unknown_margin, resolution)
+        ~_near(occupied, robot_radius, resolution) & ~_near(forbidden, unknown_margin, resolution)
     )
 
 
 def _near(cells: NDArray[np.bool_], distance: float, resolution: float) -> NDArray[np.bool_]:
-    """Cells whose centre is within a distance [m] of the centre of one of these."""
+    """Cells whose centre is within a distance [m] of the centre of one of the given cells."""
     disc = footprint(math.floor((distance / resolution) ** 2 + 1e-6))
     marked = np.where(cells, np.int8(_SOLID), _FREE)
     return np.asarray(inflate(marked, disc, occupied=_SOLID, inflated=_TOUCHED) != _FREE)
@@ -95,7 +113,7 @@ def _near(cells: NDArray[np.bool_], distance: float, resolution: float) -> NDArr
 def closeness(
     solid: NDArray[np.bool_], radius: float, clearance: float, resolution: float
 ) -> NDArray[np.float32]:
-    """1 where the robot just fits beside a solid cell, falling to 0 at ``clearance`` more [m]."""
+    """1 where the robot just fits beside a solid cell, linearly to 0 at ``clearance`` [m] more."""
     if not clearance:
         return np.zeros(solid.shape, np.float32)
     reach = (radius + clearance) / resolution

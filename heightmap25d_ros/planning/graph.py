@@ -1,6 +1,10 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Terrain as a graph: where the robot's middle may be, and what each transition costs."""
+"""Terrain as a graph: the cells that the robot may enter, and the cost of each transition.
+
+`transition_graph` makes the graph of a dense height map; the costs are those of
+`transition_costs`.
+"""
 
 from __future__ import annotations
 
@@ -24,29 +28,29 @@ from heightmap25d_ros.terrain.traversability import OCCUPIED, analyse_ground, to
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TransitionGraph:
-    """Terrain as a planner sees it.
+    """The cells of a map as nodes, and the transitions between neighbouring ones as edges.
 
     Attributes
     ----------
     geometry : Geometry
     height : (rows, columns) float32 [m]
-        Of the ground; where it is unknown, that of the nearest known cell.
+        Of the ground; in unknown cells that of the nearest known cell.
     gradient : (2, rows, columns) float32
         Of the ground under the footprint, along x and y, as tangents.
     weight : (rows, columns) float32
-        f of the formula of `transition_costs`.
+        f in the formula of `transition_costs`.
     occupied : (rows, columns) bool
-        Cells that no part of the robot may be over.
+        Cells that no part of the robot may cover.
     forbidden : (rows, columns) bool
-        Unknown cells, where these are forbidden.
+        Unknown cells, if these are forbidden.
     enterable : (rows, columns) bool
-        Cells over whose centre the robot's middle may be.
+        Cells that may contain the robot's centre.
     blocked : (rows, columns) uint8
         Bit k: the transition to ``NEIGHBOURS[k]`` is too high a step.
     slope_weights : (3,) float
         Of climbing, descending and cross slopes.
     incoming : (rows + 2, columns + 2, 8) uint16
-        What transitions cost, for `search.cost_to_go`.
+        Costs of the transitions, for `search.cost_to_go`.
     """
 
     geometry: Geometry
@@ -74,14 +78,14 @@ class TransitionGraph:
         forbidden: NDArray[np.bool_] | None = None,
         blocked: NDArray[np.uint8] | None = None,
     ) -> TransitionGraph:
-        """The same terrain with another part in place of an area; the costs there follow.
+        """Copy of the graph in which an area is replaced; its transition costs are updated.
 
         Parameters
         ----------
         area : Area
             Within the graph's.
         enterable, occupied, forbidden, blocked : (area.rows, area.columns)
-            What is left out stays.
+            None: unchanged.
         """
         changed = {"enterable": enterable, "occupied": occupied, "forbidden": forbidden}
         arrays: dict[str, Any] = {"incoming": self.incoming.copy()}
@@ -105,7 +109,7 @@ class TransitionGraph:
         return result
 
     def line_cost(self, start: Array, end: Array) -> float:
-        """Cost of a straight line, in cells of flat ground; negative where it is not open.
+        """Cost of a straight line, in cells of flat ground; negative if it is blocked.
 
         Parameters
         ----------
@@ -119,7 +123,7 @@ class TransitionGraph:
 def transition_graph(
     height_map: HeightMap, terrain: TraversabilityParams, params: PlannerParams
 ) -> TransitionGraph:
-    """The graph of a dense map.
+    """The graph of a dense map; all cells beyond the map are unknown.
 
     Raises
     ------
@@ -133,13 +137,13 @@ def transition_graph(
     is_unknown = ~filled.known
     is_occupied = obstacles.occupancy == OCCUPIED
     is_forbidden = is_unknown if params.unknown == "forbid" else np.zeros_like(is_unknown)
-    # Beyond the map all is unknown.
     margin = math.ceil(params.unknown_margin / resolution) + 1
     enterable = cropped(
         collision_free(
             np.pad(is_occupied, margin),
             np.pad(is_forbidden, margin, constant_values=params.unknown == "forbid"),
-            (terrain, params),
+            terrain.robot_radius,
+            params.unknown_margin,
             resolution,
         ),
         margin,
@@ -154,7 +158,7 @@ def transition_graph(
     slope_weights = (params.climb_weight, params.descent_weight, params.cross_slope_weight)
     return TransitionGraph(
         geometry=height_map.geometry,
-        height=_continued(filled),
+        height=_extrapolated(filled),
         gradient=gradient,
         weight=weight,
         occupied=is_occupied,
@@ -166,8 +170,9 @@ def transition_graph(
     )
 
 
-def _continued(height_map: HeightMap) -> NDArray[np.float32]:
-    """(rows, columns) [m]: heights, everywhere; where unknown, of the nearest known cell."""
+def _extrapolated(height_map: HeightMap) -> NDArray[np.float32]:
+    """(rows, columns) float32 [m]: heights; in unknown cells that of the nearest known cell."""
+    # Not `HeightMap.metres`: the product in single precision differs in the last bit.
     height = height_map.height * np.float32(HEIGHT_RESOLUTION)
     known = height_map.known
     if known.all() or not known.any():

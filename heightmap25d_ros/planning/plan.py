@@ -1,6 +1,10 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where a path starts and ends, and what planning answers: a path, or the reason for none."""
+"""The data types of planning: poses to plan between, and the resulting plan.
+
+A `Plan` is a value in any case: a path with its figures, or a status and the reason why there is
+none.
+"""
 
 from __future__ import annotations
 
@@ -18,22 +22,29 @@ from heightmap25d_ros.planning.search import CostToGo
 
 @dataclass(frozen=True, slots=True)
 class Pose2D:
-    """Where a path starts and ends, and what planning answers: a path, or the reason for none."""
+    """A start or a goal in the map.
+
+    Attributes
+    ----------
+    x, y : float [m], map
+    yaw : float [rad], optional
+        None: along the path.
+    """
 
     x: float
     y: float
     yaw: float | None = None
 
 
-def in_cells(place: Pose2D, geometry: Geometry) -> tuple[float, float, float]:
-    """Where a path starts and ends, and what planning answers: a path, or the reason for none."""
+def in_cells(pose: Pose2D, geometry: Geometry) -> tuple[float, float, float]:
+    """Row, column and yaw [cells, rad] of a pose, fractional; a missing yaw is 0."""
     x, y = geometry.origin
     resolution = geometry.resolution
-    return (place.y - y) / resolution, (place.x - x) / resolution, place.yaw or 0.0
+    return (pose.y - y) / resolution, (pose.x - x) / resolution, pose.yaw or 0.0
 
 
 class Status(IntEnum):
-    """Where a path starts and ends, and what planning answers: a path, or the reason for none."""
+    """The outcome of planning: the codes of nav2_msgs/ComputePathToPose, `NONE` for success."""
 
     NONE = 0
     UNKNOWN = 200
@@ -48,7 +59,37 @@ class Status(IntEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Plan:
-    """Where a path starts and ends, and what planning answers: a path, or the reason for none."""
+    """A path, or the reason why there is none.
+
+    Attributes
+    ----------
+    status : Status
+    reason : str
+        Why there is no path, or why it does not end at the goal; else empty.
+    seconds : float [s]
+        Time that planning took.
+    poses : (N, 4, 4) float64 [m], map
+        The path on the surface; none without a path.
+    length : float [m]
+        Along the surface.
+    climb : float [m]
+        Sum of the ascents.
+    steepest_slope : float [rad]
+        Of the ground under the footprint along the path.
+    least_clearance : float [m]
+        From the path to the nearest obstacle; infinite beyond `collision.FARTHEST`.
+    cost : float [m]
+        In metres of flat open ground.
+    graph : TransitionGraph or None
+        The graph that was searched.
+    cost_to_go : CostToGo or None
+        Its field around the goal.
+
+    Examples
+    --------
+    >>> Plan(status=Status.TIMEOUT, reason="no path was found within 2 s").found
+    False
+    """
 
     status: Status
     reason: str

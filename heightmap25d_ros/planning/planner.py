@@ -1,6 +1,10 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""From a place to a place: a path that the robot can drive, or the reason why there is none."""
+"""From a start to a goal: a path that the robot can drive, or the reason why there is none.
+
+`Planner` combines the other modules of this room: it clears the start, searches, smooths the
+cells into a path, checks the rectangle along it, and puts it on the surface.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +35,7 @@ from heightmap25d_ros.planning.start_clearing import clear_start, offsets
 from heightmap25d_ros.planning.surface_poses import interpolated, on_surface
 
 _ATTEMPTS = 40
-"""Ways that are tried when the rectangle does not fit along the first one."""
+"""Number of paths that are tried until the rectangle fits along one."""
 
 
 class Planner:
@@ -42,6 +46,26 @@ class Planner:
     graph : TransitionGraph
     terrain : TraversabilityParams
     params : PlannerParams
+
+    Examples
+    --------
+    Across level ground of 6 m by 6 m:
+
+    >>> from heightmap25d_ros.grid.height_map import Geometry, HeightMap
+    >>> from heightmap25d_ros.planning.graph import transition_graph
+    >>> plain = HeightMap(
+    ...     geometry=Geometry(resolution=0.125, origin=(0.0, 0.0), shape=(48, 48)),
+    ...     height=np.zeros((48, 48), np.int16),
+    ...     probability=np.full((48, 48), 65535, np.uint16),
+    ...     probability_threshold=0.5,
+    ... )
+    >>> terrain, params = TraversabilityParams(), PlannerParams(timeout=60.0)
+    >>> planner = Planner(transition_graph(plain, terrain, params), terrain, params)
+    >>> plan = planner.plan(Pose2D(1.0, 1.0), Pose2D(5.0, 4.0), is_robot_there=False)
+    >>> plan.found, round(plan.length, 2)
+    (True, 5.0)
+    >>> planner.plan(Pose2D(1.0, 1.0), Pose2D(9.0, 4.0), is_robot_there=False).reason
+    'the goal is outside of the map'
     """
 
     def __init__(
@@ -51,21 +75,20 @@ class Planner:
         self._terrain = terrain
         self._params = params
         self._resolution = graph.geometry.resolution
-        self._size = (params.robot_length / self._resolution, params.robot_width / self._resolution)
 
     def plan(
         self, start: Pose2D, goal: Pose2D, *, is_robot_there: bool, is_field_wanted: bool = False
     ) -> Plan:
-        """A path from a start to a goal, or why there is none.
+        """A path from a start to a goal, or the reason why there is none.
 
         Parameters
         ----------
         start, goal : Pose2D
         is_robot_there : bool
-            Whether the robot stands at the start: then what the map holds under its rectangle
-            is noise. Unknown cells there are ground in any case.
+            Whether the robot is at the start: then obstacles of the map under its rectangle are
+            noise. Unknown cells there are ground in any case.
         is_field_wanted : bool
-            Whether the plan shall hold the whole cost-to-go field: else A* searches.
+            Whether the plan contains the whole cost-to-go field; otherwise the search is A*.
         """
         began = time.monotonic()
         try:
@@ -76,7 +99,7 @@ class Planner:
         return replace(plan, seconds=time.monotonic() - began)
 
     def cost_along(self, poses: NDArray[np.float64], robot: Pose2D) -> float | None:
-        """What driving along a path costs, for a robot that stands at or beside its beginning.
+        """The cost of driving along a path, for a robot at or beside its beginning.
 
         Parameters
         ----------
@@ -86,15 +109,15 @@ class Planner:
         Returns
         -------
         float [m] or None
-            In metres of flat open ground; None where the path is not open, or the rectangle does
-            not fit.
+            In metres of flat open ground; None if the path is blocked, or the rectangle does not
+            fit along it.
         """
         geometry = self.graph.geometry
         robot_cell = _cell(geometry.cell_at((robot.x, robot.y)))
         points = (poses[:, 1::-1, 3] - geometry.origin[::-1]) / geometry.resolution
         if not geometry.contains(np.floor([*points, robot_cell])).all():
             return None
-        graph = self._opened(robot, is_robot_there=True)
+        graph = self._cleared(robot, is_robot_there=True)
         costs = [graph.line_cost(p, q) for p, q in pairwise(points)]
         heading = np.arctan2(poses[:, 1, 0], poses[:, 0, 0])
         first = _cell(np.floor(points[0]))
@@ -111,12 +134,12 @@ class Planner:
             if not geometry.contains(cell):
                 status = Status[f"{name.upper()}_OUTSIDE_MAP"]
                 return Plan(status=status, reason=f"the {name} is outside of the map")
-        graph = self._opened(start, is_robot_there)
+        graph = self._cleared(start, is_robot_there)
         if not graph.enterable[start_cell]:
-            fault = self._fault(graph, start_cell)
-            return Plan(status=Status.START_OCCUPIED, reason=f"the start {fault}")
+            problem = self._problem(graph, start_cell)
+            return Plan(status=Status.START_OCCUPIED, reason=f"the start {problem}")
         deadline = began + self._params.timeout
-        asked_cell = goal_cell
+        requested_cell = goal_cell
         for _ in range(_ATTEMPTS):
             cost_to_go, cells = self._searched(
                 graph, start_cell, goal_cell, deadline, is_field_wanted
@@ -124,19 +147,19 @@ class Planner:
             if not len(cells):
                 nearest = self._nearest(graph, start_cell, goal, deadline)
                 if nearest is None or nearest == goal_cell:
-                    return self._refused(self.graph, graph, asked_cell)
+                    return self._refused(self.graph, graph, requested_cell)
                 goal_cell = nearest
                 continue
-            end = goal if goal_cell == asked_cell else self._center(goal_cell, goal.yaw)
+            end = goal if goal_cell == requested_cell else self._center(goal_cell, goal.yaw)
             points = self._points(graph, cost_to_go, cells, start, end)
             heading = headings(points, start.yaw, end.yaw)
             overlap = self._overlap(graph, points, heading, start_cell)
             if overlap is None:
-                return self._result(graph, cost_to_go, points, heading, (start_cell, goal, end))
+                return self._result(graph, cost_to_go, points, heading, start_cell, goal, end)
             graph = _without(graph, overlap)
         return Plan(
             status=Status.NO_VALID_PATH,
-            reason=f"the robot's rectangle fits along none of {_ATTEMPTS} ways",
+            reason=f"the robot's rectangle fits along none of {_ATTEMPTS} paths",
         )
 
     def _searched(
@@ -145,13 +168,14 @@ class Planner:
         cost_to_go = search.cost_to_go(
             graph.incoming, goal, start=None if is_whole else start, deadline=deadline
         )
-        if time.monotonic() > deadline:  # small maps are searched before anybody looks
+        if time.monotonic() > deadline:  # a small map is searched within one slice
             raise SearchTimeoutError
-        return cost_to_go, cost_to_go.way(start)
+        return cost_to_go, cost_to_go.cheapest_path(start)
 
-    def _opened(self, start: Pose2D, is_robot_there: bool) -> TransitionGraph:
-        params = self._terrain, self._params
-        return clear_start(self.graph, start, params, is_robot_there=is_robot_there)
+    def _cleared(self, start: Pose2D, is_robot_there: bool) -> TransitionGraph:
+        return clear_start(
+            self.graph, start, self._terrain, self._params, is_robot_there=is_robot_there
+        )
 
     def _center(self, cell: Cell, yaw: float | None) -> Pose2D:
         x, y = self.graph.geometry.cell_center(cell)
@@ -160,34 +184,34 @@ class Planner:
     def _nearest(
         self, graph: TransitionGraph, start: Cell, goal: Pose2D, deadline: float
     ) -> Cell | None:
-        """The cell nearest to a goal, within the tolerance, that the start is connected with."""
+        """The cell nearest to a goal, within the tolerance, that is connected with the start."""
         if not self._params.goal_tolerance:
             return None
-        # What can be driven can be driven back, at another cost.
+        # Every transition can be driven in both directions, at different costs.
         connected = search.cost_to_go(graph.incoming, start, deadline=deadline)
         reach = math.ceil(self._params.goal_tolerance / self._resolution) + 1
         cell = _cell(graph.geometry.cell_at((goal.x, goal.y)))
         area = Area(cell[0], cell[1], 1, 1).grown(reach).within(graph.area)
-        *_, distance = offsets(area, in_cells(goal, graph.geometry))
-        is_there = connected.remaining[1:-1, 1:-1][area.slices(graph.area)] != 0
-        is_there &= distance * self._resolution <= self._params.goal_tolerance
-        if not is_there.any():
+        *_, distance = offsets(area, *in_cells(goal, graph.geometry))
+        is_candidate = connected.remaining[1:-1, 1:-1][area.slices(graph.area)] != 0
+        is_candidate &= distance * self._resolution <= self._params.goal_tolerance
+        if not is_candidate.any():
             return None
-        iy, ix = np.unravel_index(np.where(is_there, distance, np.inf).argmin(), area.shape)
+        iy, ix = np.unravel_index(np.where(is_candidate, distance, np.inf).argmin(), area.shape)
         return int(iy) + area.iy, int(ix) + area.ix
 
     def _refused(self, original: TransitionGraph, graph: TransitionGraph, goal: Cell) -> Plan:
         if not original.enterable[goal]:
-            fault = self._fault(original, goal)
-            return Plan(status=Status.GOAL_OCCUPIED, reason=f"the goal {fault}")
+            problem = self._problem(original, goal)
+            return Plan(status=Status.GOAL_OCCUPIED, reason=f"the goal {problem}")
         if not graph.enterable[goal]:
             reason = "the robot's rectangle does not fit at the goal"
             return Plan(status=Status.GOAL_OCCUPIED, reason=reason)
-        reason = "no way that the robot can drive connects start and goal"
+        reason = "no drivable path connects start and goal"
         return Plan(status=Status.NO_VALID_PATH, reason=reason)
 
-    def _fault(self, graph: TransitionGraph, cell: Cell) -> str:
-        """Why the robot's middle cannot be over a cell."""
+    def _problem(self, graph: TransitionGraph, cell: Cell) -> str:
+        """Why a cell cannot contain the robot's centre."""
         if graph.forbidden[cell]:
             return "is on unknown ground"
         if graph.occupied[cell]:
@@ -209,11 +233,11 @@ class Planner:
         start: Pose2D,
         end: Pose2D,
     ) -> Array:
-        """The path [cells] from the start itself to the end itself."""
-        first, last = (np.array(in_cells(place, graph.geometry)[:2]) for place in (start, end))
+        """The path [cells] from the start pose to the end pose."""
+        first, last = (np.array(in_cells(pose, graph.geometry)[:2]) for pose in (start, end))
         inner = list(string_pull(graph, cost_to_go, cells))
-        # The ends lie beside the centres of their cells. Where that closes a line, the path leads
-        # over the centre.
+        # The ends lie beside the centres of their cells. Where a line from there is blocked, the
+        # path leads over the centre.
         if len(cells) == 1:
             vertices = [first, last]
         else:
@@ -229,11 +253,16 @@ class Planner:
     ) -> Cell | None:
         """The cell of the first pose at which the rectangle does not fit.
 
-        In the start's cell the robot stands as it does, and turns.
+        Poses in the start's cell are not checked.
         """
         poses = swept(points, heading)
         poses = poses[(np.floor(poses[:, :2]) != start).any(axis=1)]
-        index = collision.first_overlap(graph.occupied, poses, self._size)
+        index = collision.first_overlap(
+            graph.occupied,
+            poses,
+            self._params.robot_length / self._resolution,
+            self._params.robot_width / self._resolution,
+        )
         return None if index < 0 else _cell(np.floor(poses[index, :2]))
 
     def _result(
@@ -242,9 +271,10 @@ class Planner:
         cost_to_go: CostToGo,
         points: Array,
         heading: Array,
-        ends: tuple[Cell, Pose2D, Pose2D],
+        start_cell: Cell,
+        goal: Pose2D,
+        end: Pose2D,
     ) -> Plan:
-        start_cell, goal, end = ends
         half_length = round(self._params.robot_length / (2 * SPACING))
         poses = on_surface(graph, points, heading, half_length)
         steps = np.diff(poses[:, :3, 3], axis=0)

@@ -1,20 +1,19 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Shortest ways over a grid of transitions: arrays in, costs and cells out.
+"""Cheapest paths over a grid of transitions: arrays in, costs and cells out.
 
 A *transition* leads from a cell to one of its 8 neighbours and has a cost of its own, so that
-uphill may cost more than downhill, and a step that cannot be taken does not close its cells.
-Costs are whole numbers, `STRAIGHT` for a cell of flat ground, `DIAGONAL` for one across.
+uphill may cost more than downhill, and a blocked step does not close its cells. Costs are whole
+numbers, `STRAIGHT` for a cell of flat ground, `DIAGONAL` for a diagonal one.
 
 The search runs from the goal backwards, and its result is TRULLA's field (Murphy et al., 1999):
-what is left to the goal, and so the best direction, at every cell. Told where the question comes
-from, it is A* and ends there.
+the cost to go, and so the best direction, at every cell. With a start it is A*, and ends there.
 
-The queue is a ring of buckets, each a stack of the cells whose costs (A*: estimates) are alike.
-A bucket spans less than any transition costs, so that without an estimate no cell can shorten
-the way of another one in its bucket, and their order does not matter (Dial, 1969; Denardo and
-Fox, 1979). With an estimate it can; then a cell is taken again, and the search ends when the
-bucket of the start is empty.
+The queue is a ring of buckets, each a stack of cells with similar costs (A*: estimates). A bucket
+spans less than any transition costs, so that without an estimate no cell can improve the path of
+another one in its bucket, and their order does not matter (Dial, 1969; Denardo and Fox, 1979).
+With an estimate it can; then a cell is expanded again, and the search ends when the bucket of the
+start is empty.
 """
 
 from __future__ import annotations
@@ -34,56 +33,56 @@ STRAIGHT, DIAGONAL = 70, 99
 """Cost of a transition over one cell of flat ground: 99 / 70 is the root of 2 within 6e-5."""
 
 LARGEST_COST = 7900
-"""No transition costs more; 113 cells of flat ground."""
+"""Highest cost of a transition: that of 113 cells of flat ground."""
 
 CLOSED = 0
-"""In place of the cost of a transition that cannot be taken."""
+"""Marks a transition that cannot be taken, in place of its cost."""
 
 UNREACHABLE = -1
-"""In place of the cost to go from where no way leads to the goal."""
+"""Marks cells without a path to the goal, in place of their cost to go."""
 
 LARGEST_SIDE = 32_000
-"""Of a grid [cells]: a cell's row and column are packed into 32 bits."""
+"""Largest side of a grid [cells]: row and column of a cell are packed into 32 bits."""
 
 _LIMIT = 2**31 - 2 * LARGEST_COST
-"""No way is searched whose cost is beyond this: 3800 km of flat cells of 0.125 m."""
+"""Highest cost of a path: that of 3800 km of flat cells of 0.125 m."""
 
 _WIDTH_BITS = 5
-"""A bucket spans 2 to the power of this."""
+"""Width of a bucket, as a power of 2."""
 
 _RING = 256
-"""Buckets; together wider than a transition's cost and what it adds to an estimate."""
+"""Number of buckets; together they span the cost of a transition and its change of an estimate."""
 
 _CHUNK = 32
-"""The stacks are lists of chunks of so many entries; the first one holds the chunk below."""
+"""The stacks are linked chunks of this many entries; the first entry links the chunk below."""
 
 _ENTRIES_PER_CELL = 9
-"""A cell waits at most once for each of its neighbours; and the chunks' first entries."""
+"""A cell is queued at most once by each of its neighbours; one more for the links of chunks."""
 
 _SLICE = 1_000_000
-"""Cells between two looks at the clock."""
+"""Cells that are expanded between two checks of the deadline."""
 
 _AGAIN, _DONE = 0, 1
 
 _at = np.uint64
-"""Indices in the inner loop: numba looks at signed ones for whether they count from the end."""
+"""Type of indices in the inner loop: numba tests signed ones for being negative."""
 
 
 class SearchTimeoutError(Exception):
-    """The search was not over at its deadline."""
+    """The search did not finish before its deadline."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CostToGo:
-    """What is left to the goal, cell by cell.
+    """The cost to go of each cell: the field around a goal.
 
     Attributes
     ----------
     incoming : (rows + 2, columns + 2, 8) uint16
-        The costs that were searched, as in `cost_to_go`.
+        The costs of the transitions, as in `cost_to_go`.
     remaining : (rows + 2, columns + 2) int32
-        The cost from each cell minus a constant, 0 where no way is known: so memory that nobody
-        has touched yet says "unreachable".
+        The cost from each cell to the goal minus a constant, 0 where no path is known: so
+        untouched memory means "unreachable".
     """
 
     incoming: NDArray[np.uint16]
@@ -95,23 +94,24 @@ class CostToGo:
         return value + _LIMIT if value else UNREACHABLE
 
     def dense(self) -> NDArray[np.int32]:
-        """(rows, columns) int32: cost to the goal, `UNREACHABLE` where no way is known."""
+        """(rows, columns) int32: cost to the goal, `UNREACHABLE` where no path is known."""
         inner = self.remaining[1:-1, 1:-1]
         return np.where(inner == 0, np.int32(UNREACHABLE), inner + np.int32(_LIMIT))
 
     def direction(self, cell: Cell) -> int:
-        """Index in `NEIGHBOURS` of the best step from a cell; -1 at the goal and where none is."""
+        """Index in `NEIGHBOURS` of the best step from a cell; -1 at the goal or without a path."""
         y, x = cell[0] + 1, cell[1] + 1
         return int(_direction(self.incoming, self.remaining, y, x))
 
-    def way(self, start: Cell) -> NDArray[np.int64]:
-        """(N, 2) int64: the cells (row, column) of a cheapest way from a cell to the goal.
+    def cheapest_path(self, start: Cell) -> NDArray[np.int64]:
+        """(N, 2) int64: the cells (row, column) of a cheapest path from a cell to the goal.
 
-        Empty where no way is known.
+        Empty where no path is known.
         """
         if self[start] == UNREACHABLE:
             return np.empty((0, 2), np.int64)
-        return np.asarray(_way(self.incoming, self.remaining, start[0] + 1, start[1] + 1) - 1)
+        y, x = start[0] + 1, start[1] + 1
+        return np.asarray(_cheapest_path(self.incoming, self.remaining, y, x) - 1)
 
 
 def cost_to_go(
@@ -121,7 +121,7 @@ def cost_to_go(
     start: Cell | None = None,
     deadline: float | None = None,
 ) -> CostToGo:
-    """The field around a goal.
+    """The cost to go of all cells, or of those that A* needs for one start.
 
     Parameters
     ----------
@@ -131,15 +131,15 @@ def cost_to_go(
         the most, or `CLOSED`. The border is closed.
     goal : (row, column)
     start : (row, column), optional
-        Where the question comes from: then the search is guided there and ends there. What it
-        says of the cells on the way is right; of others it may say too much, or nothing.
+        Makes the search A*, which ends at this cell. The costs along its cheapest path are exact;
+        those of other cells may be too high, or `UNREACHABLE`.
     deadline : float [s], optional
         Of `time.monotonic`.
 
     Raises
     ------
     SearchTimeoutError
-        If the search is not over at the deadline.
+        If the search does not finish before the deadline.
 
     Examples
     --------
@@ -149,13 +149,15 @@ def cost_to_go(
     >>> incoming[1, 1:3, 0] = incoming[1, 2:4, 4] = STRAIGHT
     >>> cost_to_go(incoming, (0, 0)).dense()
     array([[  0,  70, 140,  -1]], dtype=int32)
+    >>> cost_to_go(incoming, (0, 0), start=(0, 2)).cheapest_path((0, 2)).tolist()
+    [[0, 2], [0, 1], [0, 0]]
     """
     rows, columns = incoming.shape[:2]
     if max(rows, columns) > LARGEST_SIDE:
         raise ValueError(f"a grid of {rows} x {columns} cells is too large to be searched")
     remaining = np.zeros((rows, columns), np.int32)
     # The last entry of each bucket's stack, 0 where it is empty; and the entries: a cell (row and
-    # column, 16 bits each) over what remained from it when it was put there.
+    # column, 16 bits each) over its cost to go when it was queued.
     tops = np.zeros(_RING, np.int32)
     entries = np.empty(_ENTRIES_PER_CELL * rows * columns + _CHUNK * (_RING + 2), np.int64)
     is_guided = start is not None
@@ -166,8 +168,8 @@ def cost_to_go(
     remaining[y, x] = -_LIMIT
     entries[_CHUNK : _CHUNK + 2] = 0, (y << 16 | x) << 32 | (-_LIMIT & 0xFFFFFFFF)
     tops[0] = _CHUNK + 1
-    # The bucket that is being emptied; the first of the chunks that are free again, 0 where none
-    # is; the first that was never used.
+    # The current bucket; the first of the released chunks, 0 where there is none; the first chunk
+    # that was never used.
     state = np.array([0, 0, 2 * _CHUNK], np.int64)
     arrays = incoming.reshape(-1), remaining.reshape(-1), columns, tops, entries, state
     while _search(*arrays, offset, start_y, start_x) == _AGAIN:
@@ -178,26 +180,27 @@ def cost_to_go(
 
 @inlined_kernel
 def _estimate(dy, dx):
-    """The least that a way over so many rows and columns can cost."""
+    """Lower bound of the cost of a path over this many rows and columns."""
     dy, dx = abs(dy), abs(dx)
     return STRAIGHT * max(dy, dx) + (DIAGONAL - STRAIGHT) * min(dy, dx)
 
 
-# One long function: numba counts references to arrays that are handed on, which in here takes
-# three times as long as the search.
+# One long function: numba counts references to arrays that are passed on, which here takes three
+# times as long as the search.
 @kernel
 def _search(  # noqa: C901, PLR0912, PLR0913, PLR0915
     incoming, remaining, columns, tops, entries, state, offset, start_y, start_x
 ):
-    """Take up to `_SLICE` cells from the queue; unguided if the start is in row 0, the border."""
-    ways = (
+    """Expand up to `_SLICE` cells; without an estimate if the start is in row 0, the border."""
+    # Offsets of the neighbours in the flat arrays.
+    hops = (
         1, columns + 1, columns, columns - 1, -1, -columns - 1, -columns, 1 - columns,
     )  # fmt: skip
     bucket, free, unused = state
     is_guided = start_y != 0
     start = start_y * columns + start_x
     for _ in range(_SLICE):
-        # Take an entry from the first bucket that has one.
+        # Pop an entry from the first bucket that is not empty.
         last = bucket + _RING
         while tops[_at(bucket & (_RING - 1))] == 0:
             bucket += 1
@@ -215,32 +218,32 @@ def _search(  # noqa: C901, PLR0912, PLR0913, PLR0915
         packed, cost = entry >> 32, np.int64(np.int32(entry))
         y, x = packed >> 16, packed & 0xFFFF
         cell = y * columns + x
-        if remaining[_at(cell)] != cost:  # a shorter way has been found since
+        if remaining[_at(cell)] != cost:  # a cheaper path has been found since
             continue
         if is_guided and remaining[start] != 0:
             if (remaining[start] + offset) >> _WIDTH_BITS < bucket:
                 return _DONE
             if cost + _estimate(y - start_y, x - start_x) >= remaining[start]:
                 continue
-        shorter = 0
+        cheaper = 0
         for k in range(8):
             step = np.int64(incoming[_at(8 * cell + k)])
-            shorter |= ((step != CLOSED) & (cost + step < remaining[_at(cell + ways[k])])) << k
-        while shorter != 0:
-            k = lowest_bit(shorter)  # type: ignore[call-arg]
-            shorter &= shorter - 1
+            cheaper |= ((step != CLOSED) & (cost + step < remaining[_at(cell + hops[k])])) << k
+        while cheaper != 0:
+            k = lowest_bit(cheaper)  # type: ignore[call-arg]
+            cheaper &= cheaper - 1
             dy, dx = NEIGHBOURS[k]
-            way = dy * columns + dx
-            there, left = cell + way, cost + np.int64(incoming[_at(8 * cell + k)])
+            hop = dy * columns + dx
+            there, left = cell + hop, cost + np.int64(incoming[_at(8 * cell + k)])
             remaining[_at(there)] = left
-            # Its turn comes soon, and what it needs then is far apart in memory.
+            # It is expanded soon, and the data for that is far apart in memory.
             prefetch(incoming, 8 * there)
-            prefetch(remaining, there + way)
-            place = left + offset
+            prefetch(remaining, there + hop)
+            priority = left + offset
             if is_guided:
-                place += _estimate(y + dy - start_y, x + dx - start_x)
-            # Put it into its bucket.
-            slot = (place >> _WIDTH_BITS) & (_RING - 1)
+                priority += _estimate(y + dy - start_y, x + dx - start_x)
+            # Push it onto its bucket.
+            slot = (priority >> _WIDTH_BITS) & (_RING - 1)
             top = np.int64(tops[_at(slot)])
             new = top + 1
             if (new & (_CHUNK - 1) == 0) | (top == 0):
@@ -269,7 +272,7 @@ def _direction(incoming, remaining, y, x):
 
 
 @kernel
-def _way(incoming, remaining, y, x):
+def _cheapest_path(incoming, remaining, y, x):
     cells = [(y, x)]
     while True:
         k = _direction(incoming, remaining, y, x)

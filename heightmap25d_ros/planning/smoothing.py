@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Cells become a path that a robot can follow: pulled straight, rounded, checked.
+"""Cells become a path that a robot can follow: string-pulled, rounded and sampled.
 
-Array (y, x) are in cells: cell (iy, ix) covers [iy, iy + 1) x [ix, ix + 1).
+Points (y, x) are in cells: cell (iy, ix) covers [iy, iy + 1) x [ix, ix + 1).
 """
 
 from __future__ import annotations
@@ -18,33 +18,33 @@ from heightmap25d_ros.planning.graph import TransitionGraph
 from heightmap25d_ros.planning.search import STRAIGHT, CostToGo
 
 SPACING = 0.1
-"""Between poses of a path [m], at the most."""
+"""Largest distance between the poses of a path [m]."""
 
 _ROUNDING = 0.8
-"""How far before a corner its rounding may begin [m]."""
+"""Largest distance from a corner at which its rounding begins [m]."""
 
 _LEAST_TURN = math.radians(3.0)
-"""Corners that turn less are not rounded."""
+"""Corners of a smaller angle are not rounded."""
 
 _SLACK = 1.005
-"""What a straight line may cost, of what the cells that it replaces do: these are noisy."""
+"""Highest cost of a straight line, relative to that of the cells that it replaces."""
 
 _TURN_STEP = math.radians(10.0)
-"""Between the headings that are checked where the robot turns on the spot."""
+"""Largest angle between the headings that are checked where the robot turns on the spot."""
 
 
 def string_pull(graph: TransitionGraph, field: CostToGo, cells: NDArray[np.int64]) -> Array:
-    """The vertices of an any-angle path along cells, to 0.5 % no more expensive than they are.
+    """The vertices of an any-angle path along cells that costs at most 0.5 % more than they do.
 
-    From each vertex the line goes to the farthest cell of the way to which it crosses open
-    transitions between enterable cells only (all that it touches, corners included) and to which
-    it costs no more than the way.
+    From each vertex the line goes to the farthest cell of the path to which it crosses only open
+    transitions between enterable cells (all that it touches, corners included) and to which it
+    costs no more than the path.
 
     Parameters
     ----------
     graph : TransitionGraph
     field : CostToGo
-        In which the cells are a way.
+        In which the cells are a cheapest path.
     cells : (N, 2) int64
 
     Returns
@@ -74,7 +74,7 @@ def string_pull(graph: TransitionGraph, field: CostToGo, cells: NDArray[np.int64
 
 
 def round_corners(graph: TransitionGraph, vertices: Array) -> Array:
-    """The polyline with its corners rounded by parabolas, as far as there is room.
+    """The polyline with its corners rounded by parabolas, as far as free space permits.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def round_corners(graph: TransitionGraph, vertices: Array) -> Array:
     Returns
     -------
     (M, 2) float64 [cells]
-        Begins and ends as the polyline does.
+        With the ends of the polyline.
     """
     reach = _ROUNDING / graph.geometry.resolution
     points = [vertices[0]]
@@ -111,7 +111,7 @@ def _turn(before: Array, after: Array) -> float:
 def _rounded(
     graph: TransitionGraph, previous: Array, corner: Array, arms: list[Array], cut: float
 ) -> Array:
-    """The widest of some parabolas at a corner that stays on open transitions, or the corner."""
+    """The widest parabola at a corner that crosses only open transitions, or the corner itself."""
     for _ in range(4):
         ends = [corner + cut * arm for arm in arms]
         count = max(3, math.ceil(2.0 * cut * graph.geometry.resolution / SPACING) + 1)
@@ -125,9 +125,9 @@ def _rounded(
 
 
 def sampled(points: Array, spacing: float) -> Array:
-    """A polyline (N, 2) with more points on it: none farther apart than the spacing.
+    """A polyline (N, 2) resampled so that no two points are farther apart than the spacing.
 
-    A point that repeats the one before it is left out; of two points at least one stays.
+    Repeated points are removed, except for the first.
     """
     steps = np.hypot(*np.diff(points, axis=0).T)
     parts = [points[:1]]
@@ -139,14 +139,14 @@ def sampled(points: Array, spacing: float) -> Array:
 
 
 def headings(points: Array, first: float | None, last: float | None) -> Array:
-    """(N,) [rad]: where the robot looks at each point of a path: along the line that follows.
+    """(N,) [rad]: the heading at each point of a path: that of the following line.
 
     Parameters
     ----------
     points : (N, 2) float64
         (y, x), N at least 1.
     first, last : float [rad], optional
-        In place of what the path's direction says at its ends.
+        Headings at the ends, in place of the direction of the path.
     """
     steps = np.diff(points, axis=0)
     along = np.arctan2(steps[:, 0], steps[:, 1])
@@ -159,10 +159,10 @@ def headings(points: Array, first: float | None, last: float | None) -> Array:
 
 
 def swept(points: Array, heading: Array) -> NDArray[np.float64]:
-    """Poses (M, 3) as y, x, heading that the robot passes along a path: finely, turns included.
+    """Poses (M, 3) as y, x, heading of a robot along a path: closely spaced, with its turns.
 
-    At each point it turns on the spot, the shorter way, from the direction in which it came to
-    the point's heading, and then to the direction in which it goes.
+    At each point it turns on the spot, by the smaller angle, from the direction of the line
+    before to the point's heading, and then to the direction of the line after.
 
     Parameters
     ----------
@@ -173,12 +173,12 @@ def swept(points: Array, heading: Array) -> NDArray[np.float64]:
     along = np.arctan2(steps[:, 0], steps[:, 1])
     poses: list[tuple[float, float, float]] = []
     for i, (y, x) in enumerate(points):
-        looks = [*along[i - 1 : i][: i > 0], heading[i], *along[i : i + 1]]
-        for before, after in itertools.pairwise(looks):
+        turns = [*along[i - 1 : i][: i > 0], heading[i], *along[i : i + 1]]
+        for before, after in itertools.pairwise(turns):
             turn = math.remainder(after - before, 2.0 * math.pi)
             count = math.ceil(abs(turn) / _TURN_STEP)
             poses.extend((y, x, before + turn * k / count) for k in range(count))
-        poses.append((y, x, looks[-1]))
+        poses.append((y, x, turns[-1]))
         if i < len(along):
             middle = 0.5 * (points[i] + points[i + 1])
             poses.append((middle[0], middle[1], along[i]))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where the robot stands is ground, whatever the map says."""
+"""The start of a path: the ground under the robot is free, whatever the map contains there."""
 
 from __future__ import annotations
 
@@ -21,23 +21,24 @@ from heightmap25d_ros.terrain.steps import NEIGHBOURS
 def clear_start(
     graph: TransitionGraph,
     start: Pose2D,
-    params: tuple[TraversabilityParams, PlannerParams],
+    terrain: TraversabilityParams,
+    planner: PlannerParams,
     *,
     is_robot_there: bool,
 ) -> TransitionGraph:
-    """The graph with a way from where the robot stands.
+    """The graph with the robot's footprint at the start cleared, so that a path can begin there.
 
     Parameters
     ----------
     graph : TransitionGraph
     start : Pose2D
         In the map.
-    params : (TraversabilityParams, PlannerParams)
+    terrain : TraversabilityParams
+    planner : PlannerParams
     is_robot_there : bool
-        Whether what is occupied under the robot's rectangle is noise, too: unknown cells there
-        are ground in any case.
+        Whether the robot is at the start: then occupied cells under its rectangle are noise and
+        cleared. Unknown cells there are cleared in any case.
     """
-    terrain, planner = params
     resolution = graph.geometry.resolution
     length, width = planner.robot_length / resolution, planner.robot_width / resolution
     margin = max(terrain.robot_radius, planner.unknown_margin) / resolution
@@ -49,7 +50,7 @@ def clear_start(
     around = outer.slices(graph.area)
     occupied, forbidden = graph.occupied[around].copy(), graph.forbidden[around].copy()
     blocked = graph.blocked[around]
-    ahead, aside, distance = offsets(outer, (y, x, yaw))
+    ahead, aside, distance = offsets(outer, y, x, yaw)
     is_under = (np.abs(ahead) <= length / 2) & (np.abs(aside) <= width / 2)
     is_on_noise = is_robot_there and bool(occupied[is_under].any())
     if graph.enterable[cell.iy, cell.ix] and not is_on_noise:
@@ -58,8 +59,10 @@ def clear_start(
     if is_robot_there:
         occupied[is_under] = False
         blocked = _without_steps(blocked, is_under)
-    enterable = collision_free(occupied, forbidden, params, resolution)
-    # With an obstacle beside it the robot may still move away.
+    enterable = collision_free(
+        occupied, forbidden, terrain.robot_radius, planner.unknown_margin, resolution
+    )
+    # A robot beside an obstacle may move away from it.
     enterable |= (distance <= terrain.robot_radius / resolution) & ~occupied & ~forbidden
     inside = area.slices(outer)
     return graph.with_part(
@@ -71,9 +74,8 @@ def clear_start(
     )
 
 
-def offsets(area: Area, place: tuple[float, float, float]) -> tuple[Array, Array, Array]:
-    """How far the cells of an area lie ahead of, aside of, and from y, x, yaw [cells, rad]."""
-    y, x, yaw = place
+def offsets(area: Area, y: float, x: float, yaw: float) -> tuple[Array, Array, Array]:
+    """Offsets of the cells of an area from a pose [cells, rad]: ahead, to the left, distance."""
     iy, ix = np.indices(area.shape)
     dy, dx = iy + area.iy + 0.5 - y, ix + area.ix + 0.5 - x
     ahead = dx * math.cos(yaw) + dy * math.sin(yaw)
@@ -82,7 +84,7 @@ def offsets(area: Area, place: tuple[float, float, float]) -> tuple[Array, Array
 
 
 def _without_steps(blocked: NDArray[np.uint8], cells: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Transitions of which those from and to some cells are open."""
+    """Blocked transitions without those from and to some cells."""
     padded = np.pad(cells, 1)
     rows, columns = cells.shape
     opened = np.where(cells, np.uint8(255), np.uint8(0))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Array of a path become poses on the surface."""
+"""The points of a path become poses on the surface."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def on_surface(
         (y, x).
     heading : (N,) float64 [rad]
     reach : int
-        z is the mean over so many points before and after: single heights are noisy.
+        z is the mean over this many points before and after: single heights are noisy.
 
     Returns
     -------
@@ -47,14 +47,14 @@ def on_surface(
 
 def interpolated(layers: NDArray[np.float32], points: Array) -> NDArray[np.float64]:
     """(L, N): layers (L, rows, columns) at points (N, 2) [cells], linear between cells' centres."""
-    places = np.maximum(points.T - 0.5, 0.0)
+    indices = np.maximum(points.T - 0.5, 0.0)
     return np.array(
-        [ndimage.map_coordinates(layer, places, np.float64, 1, "nearest") for layer in layers]
+        [ndimage.map_coordinates(layer, indices, np.float64, 1, "nearest") for layer in layers]
     )
 
 
 def _smoothed(values: NDArray[np.float64], reach: int) -> NDArray[np.float64]:
-    """Means over so many neighbours on either side, fewer near the ends: a line stays a line."""
+    """Means over this many neighbours on either side, fewer near the ends: lines stay straight."""
     index = np.arange(len(values))
     reaches = np.minimum(reach, np.minimum(index, index[::-1]))
     sums = np.concatenate([[0.0], np.cumsum(values)])

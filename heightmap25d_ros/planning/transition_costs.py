@@ -1,13 +1,13 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a transition between neighbouring cells costs, and a straight line over many of them.
+"""The cost of a transition between neighbouring cells, and of a straight line over many cells.
 
 A transition of horizontal length L into a neighbour, over ground with slope s along it and
 cross slope c (both tangents), costs
 
     L * (f * sqrt(1 + s^2) + climb * max(s, 0) + descent * max(-s, 0) + cross * |c|)
 
-where f = 1 + shares for roughness, closeness to obstacles and being unknown, each with its
+where f = 1 + terms for roughness, closeness to obstacles and being unknown, each with its
 weight. Slopes and f are the means of the transition's two cells. The paper weighs a cell by "the
 height difference between the current cell and those around it"; here it is the slope of the
 plane under the footprint, so that noise of single heights costs nothing, and direction counts.
@@ -35,7 +35,7 @@ def incoming_costs(
     weight: NDArray[np.float32],
     slope_weights: Weights,
 ) -> NDArray[np.uint16]:
-    """What each transition costs, by the cell it leads into and where it comes from.
+    """The cost of each transition, by the cell that it leads into and the direction it comes from.
 
     A transition is open if both of its cells are enterable and its step is; a diagonal one
     needs, besides, both cells at its corners and the steps to them.
@@ -81,7 +81,7 @@ def _incoming_costs(closed, blocked, slope_x, slope_y, weight, slope_weights, in
             side = np.int64(k & 1)
             length = np.float32(DIAGONAL if side else STRAIGHT)
             norm = np.float32(1.0 / math.sqrt(dy * dy + dx * dx))
-            # The way leads from the neighbour into the cell: against (dx, dy).
+            # The transition leads from the neighbour into the cell: against (dx, dy).
             ux, uy = -dx * norm, -dy * norm
             before, after = (k + 7) & 7, (k + 1) & 7
             y1, x1 = NEIGHBOURS[before]
@@ -114,12 +114,12 @@ def rate(along, across, f, slope_weights):
 _CLOSED = -1.0
 
 _TINY = 1e-9
-"""Borders so near to one another [cells] are crossed at once."""
+"""Borders within this distance of one another [cells] are crossed together."""
 
 
 @kernel
 def line_cost(terrain, y, x, end_y, end_x):
-    """Cost of a straight line [cells] in cells of flat ground; negative where it is not open."""
+    """Cost of a straight line [cells] in cells of flat ground; negative if it is blocked."""
     enterable, blocked, gradient, weight, slope_weights = terrain
     iy, ix = math.floor(y), math.floor(x)
     last_y, last_x = math.floor(end_y), math.floor(end_x)
@@ -129,7 +129,7 @@ def line_cost(terrain, y, x, end_y, end_x):
     if length == 0.0:
         return 0.0
     uy, ux = (end_y - y) / length, (end_x - x) / length
-    # Where along the line the next border is, and how far it is from one to the one after it.
+    # Distance along the line to the next border, and from one border to the next.
     next_y, gap_y = _borders(y, uy)
     next_x, gap_x = _borders(x, ux)
     cost, at = 0.0, 0.0
@@ -155,7 +155,7 @@ def line_cost(terrain, y, x, end_y, end_x):
 
 @kernel
 def _borders(coordinate, speed):
-    """Distances along a line to the first border of cells across an axis, and between them."""
+    """Distances along a line to the first border of cells across an axis, and between borders."""
     if speed == 0.0:
         return math.inf, math.inf
     inside = coordinate - math.floor(coordinate)

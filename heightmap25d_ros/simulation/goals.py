@@ -14,10 +14,10 @@ from scipy import ndimage
 from heightmap25d_ros.arrays import Array
 
 RADIUS, MAX_STEP, MAX_SLOPE = 0.5, 0.10, 0.44
-"""Of the disc that covers the robot [m]; of what it climbs [m], [rad]."""
+"""Radius of the disc that covers the robot [m]; limits of what it climbs [m], [rad]."""
 
 WANTED = 20
-"""Pairs of either kind."""
+"""Largest number of pairs of either kind."""
 
 _CELL = 0.125
 _MARGIN = 0.125
@@ -29,11 +29,11 @@ Cells = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Pairs:
-    """Cells (N, 2) as (row, column), and what is true of the way between them.
+    """Cells (N, 2) as (row, column) of starts and goals, and whether paths connect them.
 
-    A pair is reachable if a disc wider by a cell than the robot's finds a way, unreachable if one
-    narrower by a cell finds none: others are left out. ``observed``: cells that the lasers met
-    connect them; ``footprint_observed``: so do cells whose whole disc was met.
+    A pair is reachable if a disc wider by a cell than the robot's has a path, unreachable if one
+    narrower by a cell has none; other pairs are discarded. ``observed``: cells that the lasers
+    measured connect them; ``footprint_observed``: so do cells whose whole disc was measured.
     """
 
     start: Cells
@@ -52,7 +52,7 @@ def choose(height: Array, seen: Mask, driven: Cells, rng: np.random.Generator) -
         Of the ground; infinite: closed.
     seen : (rows, columns) bool
     driven : (N, 2) int64
-        Cells where the robot was: starts.
+        Cells of the robot's trajectory, from which starts are drawn.
     rng : numpy.random.Generator
     """
     wide, exact, narrow = (free(height, RADIUS + d) for d in (_MARGIN, 0.0, -_MARGIN))
@@ -63,7 +63,7 @@ def choose(height: Array, seen: Mask, driven: Cells, rng: np.random.Generator) -
     loose, _ = ndimage.label(narrow, _EVERYWHERE)
     apart = seen & np.isfinite(height) & (loose != loose[tuple(driven[0])])
     reachable = _drawn(np.argwhere(seen & (parts == main)), rng)
-    # Free places first; those beside and on obstacles where there are too few.
+    # Free cells first; cells beside and on obstacles if there are too few.
     unreachable = np.concatenate(
         [_drawn(np.argwhere(apart & is_free), rng) for is_free in (narrow, ~narrow)]
     )[:WANTED]
@@ -83,7 +83,7 @@ def choose(height: Array, seen: Mask, driven: Cells, rng: np.random.Generator) -
 
 
 def free(height: Array, radius: float) -> Mask:
-    """Where the middle of a disc may be: no step too high within it, no slope below it.
+    """Cells that may contain the centre of a disc: no step within it, no steep slope below it.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def free(height: Array, radius: float) -> Mask:
 
 
 def _beside_steps(height: Array) -> Mask:
-    """Cells with a neighbour that is a step away; the border is one."""
+    """Cells with a step to a neighbour, or at the border."""
     closed = np.where(np.isfinite(height), height, 1e6)
     padded = np.pad(closed, 1, constant_values=1e6)
     rows, columns = height.shape

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Worlds under a roof: room, moving, arch, garage."""
+"""Indoor worlds: room, moving, arch, garage."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def room(rng: np.random.Generator) -> World:
     """A cluttered lab as Room 105 of the paper, 12 m x 10 m, and one lap in it.
 
     Cabinets along the walls, tables complete down to the floor in the middle, boxes about, and
-    a corner behind a low barrier that can be seen and not be reached.
+    a corner behind a low barrier that is visible but unreachable.
     """
     x, y = (-2.03, 10.06), (-2.07, 8.04)
     corners = [(0, 0), (8, 0), (8, 5.5), (0, 5.5), (0, 0), (1.2, 0)]
@@ -74,7 +74,7 @@ def _tables(rng: np.random.Generator) -> list[Solid]:
 def _fenced_corner(
     rng: np.random.Generator, x: tuple[float, float], y: tuple[float, float]
 ) -> list[Solid]:
-    """A store behind a low barrier, over which the lasers look."""
+    """A store behind a low barrier, over which the lasers see."""
     left, low, top = x[1] - 3.4, y[1] - 1.6, rng.uniform(0.15, 0.20)
     return [
         box((left, x[1]), (low, low + 0.1), (0.0, top)),
@@ -83,9 +83,9 @@ def _fenced_corner(
 
 
 def moving(rng: np.random.Generator) -> World:
-    """A hall with a box that is taken away while the robot is elsewhere, and a person who walks.
+    """A hall with a box that is removed while the robot is elsewhere, and a walking person.
 
-    The drive passes the box, goes around, and looks again where it stood.
+    The drive passes the box, goes around, and passes its position again.
     """
     x, y = (-2.03, 8.53), (-2.09, 6.04)
     corners = [(0, 0), (6.5, 0), (6.5, 4), (0, 4), (0, 0), (4.5, 0)]
@@ -112,7 +112,7 @@ def moving(rng: np.random.Generator) -> World:
 
 
 def _person(rng: np.random.Generator) -> Mover:
-    """Walks to and fro across the middle of the hall, and has left it after 20 s."""
+    """A person who walks to and fro across the middle of the hall and leaves after 20 s."""
     x, low, high, pace = rng.uniform(4.6, 5.0), 0.9, 3.1, rng.uniform(0.8, 1.2)
 
     def center_at(seconds: float) -> tuple[float, float, float] | None:

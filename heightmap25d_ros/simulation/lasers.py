@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Laser scanners of the SICK LMS-200's class: where they sit, and what they measure."""
+"""Laser scanners of the SICK LMS-200 class: their mounts, and noisy scans of a scene."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ TIME_INCREMENT = SCAN_DURATION / BEAMS
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RangeNoise:
-    """How ranges err; all zero: not at all.
+    """Noise of ranges; all zero: exact.
 
     Attributes
     ----------
     sigma : float [m]
         Gaussian.
     step : float [m]
-        Ranges are whole multiples.
+        Ranges are whole multiples of it.
     dropout : float
         Share of the beams that return nothing.
     short : float
         Share of the beams that return from somewhere before the surface.
     mixed, mixed_step : float, float [m]
-        Where neighbouring ranges differ by more than the step, one of the two lies, with this
-        probability, somewhere between them.
+        Where neighbouring ranges differ by more than the step, one of the two is, with this
+        probability, a value between them.
     """
 
     sigma: float = 0.01
@@ -54,17 +54,17 @@ EXACT_RANGES = RangeNoise(sigma=0.0, step=0.0, dropout=0.0, short=0.0, mixed=0.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Laser:
-    """A laser and its mount in base_link; a positive pitch looks down.
+    """A laser and its mount in base_link; a positive pitch is downward.
 
     Attributes
     ----------
     position : (3,) float [m]
     pitch : float [rad]
     nod, nod_period : float [rad], [s]
-        It nods about that pitch; 0: fixed.
+        Amplitude and period of nodding about that pitch; amplitude 0: fixed.
     rate : float [Hz]
     first_scan : float [s]
-        The mirrors turn independently.
+        Start of the first scan; the mirrors are not synchronized.
     """
 
     topic: str
@@ -93,7 +93,7 @@ NODDING = Laser(topic="/scan_nod", frame_id="laser_nod", position=(0.25, 0.0, 0.
 
 @dataclass(frozen=True, slots=True)
 class TakenScan:
-    """A scan and its truth.
+    """A scan and its ground truth.
 
     Attributes
     ----------
@@ -101,11 +101,11 @@ class TakenScan:
     ranges : (361,) float64 [m]
         As measured; infinite: no return.
     ends : (361, 3) float64 [m], map
-        Where each beam met a surface without noise; NaN: none within reach.
+        True end of each beam; NaN: no surface within reach.
     base_z : (361,) float64 [m], map
         Of base_link at each beam's time.
     mover : (361,) int32
-        Index of the moving thing that was met, or -1.
+        Index of the moving object that was hit, or -1.
     """
 
     start: float
@@ -116,7 +116,7 @@ class TakenScan:
 
 
 def beam_times(start: float) -> Array:
-    """(361,) [s]: when each beam of a scan is taken."""
+    """(361,) [s]: time of each beam of a scan."""
     return np.asarray(start + TIME_INCREMENT * np.arange(BEAMS), np.float64)
 
 
@@ -139,7 +139,7 @@ def take_scan(
     T_map_sensor = T_map_base @ laser.T_base_sensor(beam_times(start))
     axes = T_map_sensor[:, :3, :2]
     directions = axes[:, :, 0] * np.cos(ANGLES)[:, None] + axes[:, :, 1] * np.sin(ANGLES)[:, None]
-    # Things walk slower than a scan lasts: they stand still for it.
+    # Moving objects are static during a scan.
     scene.set_time(start + 0.5 * SCAN_DURATION)
     ranges, mover = scene.ranges(T_map_sensor[:, :3, 3], directions)
     reach = np.where(ranges <= RANGE_MAX, ranges, np.nan)
@@ -161,7 +161,7 @@ def measured(ranges: Array, noise: RangeNoise, rng: np.random.Generator) -> Arra
 
 
 def _mixed(ranges: Array, noise: RangeNoise, rng: np.random.Generator) -> Array:
-    """At depth steps the spot of a beam meets both surfaces."""
+    """At depth discontinuities the spot of a beam covers both surfaces."""
     near, far = ranges[:-1], ranges[1:]
     both = np.isfinite(near) & np.isfinite(far)
     difference = np.subtract(far, near, where=both, out=np.zeros(len(near)))

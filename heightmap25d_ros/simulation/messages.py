@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""ROS messages as the simulator says them, and how their topics are offered."""
+"""ROS messages of the simulator, and the QoS profiles of its topics."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ _LATCHED = _qos(1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL)
 
 
 def topics(mounted: Iterable[Laser]) -> dict[str, tuple[str, Qos]]:
-    """Topic -> message type and offered quality of service."""
+    """Topic -> message type and offered QoS profile."""
     return {
         "/tf_static": (TRANSFORMS, _LATCHED),
         "/tf": (TRANSFORMS, _DEFAULT),
@@ -60,7 +60,7 @@ def topics(mounted: Iterable[Laser]) -> dict[str, tuple[str, Qos]]:
 
 
 def stamp_ns(seconds: float) -> int:
-    """Time since the start as a stamp."""
+    """Stamp [ns] of a time since the start [s]."""
     return START_NS + round(seconds * 1e9)
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What wheels and an inclinometer know of the way."""
+"""Simulated odometry: dead reckoning by wheels and an inclinometer."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from heightmap25d_ros.arrays import Array
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OdometryNoise:
-    """How wheels and inclinometer err; all zero: not at all.
+    """Errors of wheels and inclinometer; all zero: exact.
 
-    The biases are drawn once per drive: 0.7 to 1.3 times these, with either sign, the two of the
-    heading with the same. As they are, one lap in the world ``room`` ends off by about 0.7 m and
-    6 degrees, as the paper's did.
+    The biases are drawn once per drive: 0.7 to 1.3 times these, with either sign, the same for the
+    two of the heading. With the defaults one lap in the world ``room`` ends with an error of about
+    0.7 m and 6 degrees, as in the paper.
 
     Attributes
     ----------
     translation_bias : float
-        Error of the way per way.
+        Error of the distance per distance.
     rotation_bias : float
-        Error of the turn per turn: a skid-steered robot turns about an uncertain track width.
+        Error of the turn per turn: the track width of a skid-steered robot is uncertain.
     heading_bias : float [rad/m]
         Unequal wheels.
     slip, slip_length : float, float [m]
@@ -37,9 +37,9 @@ class OdometryNoise:
         reports too much distance, on a slope too much climb with it. Over a distance d, longer
         than it lasts, the error has a standard deviation of ``slip * sqrt(2 d slip_length)``.
     heading_walk : float [rad/sqrt(m)]
-        Random walk along the way.
+        Random walk with the distance travelled.
     tilt_sigma, tilt_time : float [rad], [s]
-        Roll and pitch of the inclinometer: spread, and how long an error lasts.
+        Error of roll and pitch of the inclinometer: spread, and correlation time.
     """
 
     translation_bias: float = 0.012
@@ -59,7 +59,7 @@ EXACT_ODOMETRY = OdometryNoise(
 
 
 class Odometer:
-    """Dead reckoning: way and turn from the wheels, roll and pitch from the inclinometer.
+    """Dead reckoning: distance and turn from the wheels, roll and pitch from the inclinometer.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class Odometer:
     Attributes
     ----------
     T : (4, 4) float64 [m], odom
-        The pose of base_link as known.
+        The estimated pose of base_link.
     """
 
     def __init__(self, noise: OdometryNoise, rng: np.random.Generator) -> None:
@@ -85,7 +85,7 @@ class Odometer:
         self.T = np.eye(4)
 
     def advance(self, T_before: se3.Matrix, T_after: se3.Matrix, seconds: float) -> se3.Matrix:
-        """Take a moment's true motion in; the pose as known after it."""
+        """Integrate a true motion over a time step; returns the estimated pose after it."""
         noise = self._noise
         way = float(T_before[:3, 0] @ (T_after - T_before)[:3, 3])
         before, after = se3.to_xyz_rpy(np.stack([T_before, T_after]))
@@ -111,7 +111,7 @@ class Odometer:
         return self.T
 
     def _wander(self, error: Array, sigma: float, passed: float) -> Array:
-        """An error that lasts for a while (Gauss-Markov), after a part of its duration."""
+        """A correlated error (Gauss-Markov) after a part of its correlation time or length."""
         kept = np.exp(-passed)
         fresh = self._rng.normal(0.0, 1.0, len(error)) * sigma
         return np.asarray(kept * error + np.sqrt(1.0 - kept**2) * fresh)

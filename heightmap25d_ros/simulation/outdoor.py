@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Worlds under the sky: ramp, rough, street."""
+"""Outdoor worlds: ramp, rough, street."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def rough(rng: np.random.Generator) -> World:
 def _hills(
     rng: np.random.Generator, area: tuple[tuple[float, float], tuple[float, float]], way: Array
 ) -> Terrain:
-    """Two sizes of hills and two ditches; gentler along the way, level where it starts."""
+    """Two sizes of hills and two ditches; gentler along the path, level at its start."""
     spacing, border = 0.125, 0.125
     x = np.arange(area[0][0] - border, area[0][1] + 1.5 * border, spacing)[None, :]
     y = np.arange(area[1][0] - border, area[1][1] + 1.5 * border, spacing)[:, None]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The scripted driver of a recording: pure pursuit along a way. It knows the true pose."""
+"""The scripted driver of a recording: pure pursuit along a path. It knows the true pose."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _STOPPING = 0.4
 
 
 class Driver:
-    """Follows a way once, and says when it is done.
+    """Follows a path once; ``is_done`` is true at its end.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""One drive through a world as a rosbag2, with its truth beside it."""
+"""A drive through a world, recorded as a rosbag2 with its ground truth beside it."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def world_of(name: str, seed: int) -> World:
 
 
 def another_drive(world: World, seed: int, drive: int) -> World:
-    """The world with another way through it; drive 0 is the world's own.
+    """The world with another path through it; drive 0 is the world's own path.
 
     Raises
     ------
@@ -103,12 +103,12 @@ def simulate(
     directory : Path
         Of the bag; it must not exist.
     drive : int
-        Others than 0 take another way through the same world, and err in another way.
+        Drives other than 0 take another path through the same world, with other noise.
     speed : float [m/s], optional
         Of the drive; the world's own otherwise.
     scan_rate : float [Hz]
     has_nodding : bool
-        Whether there is a third laser, which nods.
+        Whether the robot carries a third, nodding laser.
     noise : Noise, optional
 
     Returns
@@ -146,12 +146,12 @@ def simulate(
 
 
 def mounted_lasers(scan_rate: float, *, has_nodding: bool) -> tuple[Laser, ...]:
-    """The level laser, the one that looks down, and a nodding one where it is wanted.
+    """The level laser, the downward one, and optionally a nodding one.
 
     Raises
     ------
     InputError
-        If the rate is not one that the lasers have.
+        If the rate is out of the range of the lasers.
     """
     if not 0.1 <= scan_rate <= 1.0 / SCAN_DURATION:
         raise InputError(f"scan rate {scan_rate:g}: is not within 0.1 .. {1 / SCAN_DURATION:g}")
@@ -199,7 +199,7 @@ def _odometry_error(events: Sequence[TimedMessage]) -> float:
 
 
 def _drive(simulation: Simulation, world: World, surface: truth.Surface) -> list[TimedMessage]:
-    """From standing to standing; ends with a pose, so that poses bracket every scan."""
+    """Drive from standstill to standstill; ends with a pose, so that poses bracket every scan."""
     driver = Driver(world.way, world.speed)
     time_limit = max(_TIME_LIMIT, 2.0 * path_length(world.way) / world.speed)
     events: list[TimedMessage] = []

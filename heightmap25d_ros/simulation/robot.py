@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A robot like the ATRV-Jr that follows the terrain: kinematic, not dynamic.
+"""A kinematic robot like the ATRV-Jr that follows the terrain.
 
-Its four wheels stand on the surface below them; that gives height, roll and pitch. There is
-no slip, no mass and no suspension beyond the mean over a tyre's contact.
+Its four wheels are on the surface below them, which determines height, roll and pitch. There is no
+slip, no mass, and no suspension beyond the mean over a tyre's contact.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ MAX_STEP = 0.10
 """Wheels climb at most this [m]."""
 
 CLEARANCE = 0.13
-"""What stands higher than this above the plane of the wheels meets the body [m]."""
+"""Obstacles higher than this above the plane of the wheels touch the body [m]."""
 
 MAX_SPEED, MAX_TURN_RATE = 1.5, 1.5
 MAX_ACCELERATION, MAX_TURN_ACCELERATION = 1.0, 3.0
@@ -36,12 +36,12 @@ _OUTLINE = np.array(
 
 
 class Robot:
-    """Where the robot is and how fast.
+    """Pose and speed of the robot.
 
     Parameters
     ----------
     scene : Scene
-        It starts at its origin, along x.
+        The robot starts at its origin, along x.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Robot:
         Pose of base_link, on the plane of the wheels' contacts below the middle of the robot.
     speed, turn_rate : float [m/s], [rad/s]
     is_blocked : bool
-        Whether it stands since the last step would have been too high.
+        Whether it was stopped by a step that is too high.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -62,7 +62,7 @@ class Robot:
         self._settle(tyres.mean(axis=1))
 
     def move(self, speed: float, turn_rate: float, seconds: float) -> None:
-        """Drive for a moment towards a commanded speed [m/s] and turn rate [rad/s]."""
+        """Drive for a time step towards a commanded speed [m/s] and turn rate [rad/s]."""
         speed = float(np.clip(speed, -MAX_SPEED, MAX_SPEED))
         turn_rate = float(np.clip(turn_rate, -MAX_TURN_RATE, MAX_TURN_RATE))
         change, turn_change = MAX_ACCELERATION * seconds, MAX_TURN_ACCELERATION * seconds
@@ -87,11 +87,11 @@ class Robot:
         return self._ground(_TYRES, xy, yaw).reshape(4, -1)
 
     def _ground(self, points: Array, xy: Array, yaw: float) -> Array:
-        """(N,) [m]: surface at points of the robot; what it cannot go below counts."""
+        """(N,) [m]: surface at points of the robot, including objects too low to pass below."""
         return self._scene.heights(_placed(points, xy, yaw), below=self.T[2, 3] + HEIGHT)
 
     def _around(self, xy: Array, yaw: float) -> Array:
-        """(N,) [m]: surface along the outline, with solids that are taller than the robot."""
+        """(N,) [m]: surface along the outline, including solids taller than the robot."""
         points = _placed(_OUTLINE, xy, yaw)
         limit = self.T[2, 3] + HEIGHT
         solid = self._scene.heights(points, with_overhead=False)
@@ -109,7 +109,7 @@ class Robot:
         return bool((self._around(xy, yaw) - plane).max() > CLEARANCE)
 
     def _settle(self, contacts: Array) -> None:
-        """Let the plane of base_link lie on the contacts, least squares."""
+        """Fit the plane of base_link to the contacts, by least squares."""
         self._contacts = contacts
         ahead, aside = _slopes(contacts)
         cos, sin = np.cos(self._yaw), np.sin(self._yaw)
@@ -129,5 +129,5 @@ def _placed(points: Array, xy: Array, yaw: float) -> Array:
 
 
 def _slopes(contacts: Array) -> Array:
-    """Of the plane through the contacts, ahead and aside."""
+    """Slopes of the plane through the contacts, ahead and to the left."""
     return np.asarray(contacts @ _WHEELS / (_WHEELS**2).sum(axis=0))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Solids, a height field and things that move, and where rays meet them: MuJoCo's geometry."""
+"""Solids, a height field and moving objects, and their intersections with rays, by MuJoCo."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ class Solid:
     kind : "box", "cylinder" or "ellipsoid"
     center : (x, y, z) [m], map
     size : (3,) [m]
-        Half the extents; of a cylinder radius, radius and half the height.
+        Half the extents; of a cylinder the radius, the radius and half the height.
     pitch, yaw : float [rad]
-        Turned by the pitch first.
+        The pitch is applied first.
     is_overhead : bool
-        Something that one may go below: a lintel, a ceiling, an upper deck.
+        Whether it can be passed below: a lintel, a ceiling, an upper deck.
     """
 
     kind: str
@@ -113,7 +113,7 @@ class Mover:
     solid : Solid
         Its center is not used.
     center_at : callable of seconds
-        Where its center is, (x, y, z) [m]; None where it is not in the world.
+        Its center (x, y, z) [m]; None while it is not in the world.
     """
 
     solid: Solid
@@ -121,7 +121,7 @@ class Mover:
 
 
 class Scene:
-    """All that beams, wheels and the truth meet.
+    """The geometry that beams, wheels and the ground truth are computed with.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ class Scene:
         self.set_time(0.0)
 
     def set_time(self, seconds: float) -> None:
-        """Put what moves where it is at a time."""
+        """Move the movers to their positions at a time [s]."""
         for index, mover in enumerate(self._movers):
             self._data.mocap_pos[index] = mover.center_at(seconds) or _HIDDEN
         mujoco.mj_kinematics(self._model, self._data)
@@ -170,9 +170,9 @@ class Scene:
         Returns
         -------
         ranges : (N,) float64 [m]
-            Infinite where a ray meets nothing.
+            Infinite if a ray hits nothing.
         mover : (N,) int32
-            Index of the mover that was met, or -1.
+            Index of the mover that was hit, or -1.
         """
         directions = np.ascontiguousarray(directions, np.float64)
         origins = np.broadcast_to(np.asarray(origins, np.float64), directions.shape)

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""World, robot and sensors in steps of time; what they say as ROS messages.
+"""World, robot and sensors in time steps; the sensors' output as ROS messages.
 
-The map frame is where the robot starts: ground zero is its altitude there.
+The map frame is the start pose of the robot: ground zero is its altitude there.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _HISTORY = 1 + round(3 * SCAN_DURATION / STEP)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Noise:
-    """All that errs."""
+    """Noise of all sensors."""
 
     ranges: RangeNoise = field(default_factory=RangeNoise)
     odometry: OdometryNoise = field(default_factory=OdometryNoise)
@@ -50,7 +50,7 @@ NOISE_FREE = Noise(ranges=EXACT_RANGES, odometry=EXACT_ODOMETRY)
 
 
 class TimedMessage(NamedTuple):
-    """A message and when [s] it is there."""
+    """A message and the time [s] at which it is available."""
 
     seconds: float
     topic: str
@@ -58,7 +58,7 @@ class TimedMessage(NamedTuple):
 
 
 class Simulation:
-    """Everything, moved on by `step`.
+    """The state of the simulation, advanced by `step`.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ class Simulation:
     seconds : float
         Since the start.
     scans : list of (Laser, TakenScan)
-        Those of the last step, with their truth.
+        The scans that ended in the last step, with their ground truth.
     """
 
     def __init__(
@@ -104,11 +104,11 @@ class Simulation:
 
     @property
     def is_at_pose(self) -> bool:
-        """Whether the last step told the pose."""
+        """Whether the last step produced odometry."""
         return self._count % _ODOMETRY_STEPS == 0
 
     def begin(self) -> list[TimedMessage]:
-        """What is known before anything moves: the mounts and the first pose."""
+        """The messages before the first step: mounts and first pose."""
         fixed = [
             (laser.frame_id, laser.T_base_sensor(np.zeros(1))[0])
             for laser in self._lasers
@@ -118,7 +118,7 @@ class Simulation:
         return [TimedMessage(0.0, "/tf_static", mounts), *self._pose_events()]
 
     def step(self, speed: float, turn_rate: float) -> list[TimedMessage]:
-        """Move on under a command [m/s], [rad/s]; what is there to be said then, in order."""
+        """Advance by a step under a command [m/s], [rad/s]; returns its messages in order."""
         self._scene.set_time(self.seconds)
         self.robot.move(speed, turn_rate, STEP)
         self._count += 1
@@ -155,7 +155,7 @@ class Simulation:
         return events
 
     def _take_scans(self) -> list[TimedMessage]:
-        """The scans that came to their end in the last step."""
+        """The scans that ended in the last step."""
         self.scans, events = [], []
         for index, laser in enumerate(self._lasers):
             start = laser.first_scan + self._taken[index] / laser.rate

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a map of a world is held against; shares no code with what makes maps."""
+"""Ground truth of a world for the evaluation of maps; shares no code with the mapper."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ RESOLUTION = 0.125
 """Of a cell [m]."""
 
 WINDOW = (-5.0, 1.5)
-"""Above base_link [m]: what the lasers meet outside of it does not count as seen."""
+"""Heights above base_link [m] outside of which returns do not count as seen."""
 
 _SAMPLES = 8
 _BORDER = 0.001
 
 
 class Surface:
-    """The surface of a world, and what of it a drive's lasers met.
+    """The surface of a world, and the part of it that the lasers of a drive measured.
 
     Parameters
     ----------
@@ -39,12 +39,12 @@ class Surface:
         self.origin = (x0, y0)
         self.shape = (round((y1 - y0) / RESOLUTION), round((x1 - x0) / RESOLUTION))
         self._seen = np.full(self.shape, -np.inf)
-        # Of things that move, where they were when met: they count if they still are there.
+        # Returns from movers: they count if the mover is still there at the end.
         self._met: list[tuple[Array, NDArray[np.int32], float]] = []
         self._way: list[Array] = []
 
     def add(self, simulation: Simulation) -> None:
-        """What was met in the simulation's last step."""
+        """Add the returns of the simulation's last step."""
         if simulation.is_at_pose:
             self._way.append(simulation.robot.T[:3, 3])
         for _, scan in simulation.scans:
@@ -112,12 +112,12 @@ class Surface:
         return np.asarray(np.floor(offset), np.int64)
 
     def _places(self, cells: NDArray[np.int64], ground: Array) -> Array:
-        """(N, 3) [m], map: middles of cells (row, column), on the ground."""
+        """(N, 3) [m], map: centres of cells (row, column), on the ground."""
         middle = np.array(self.origin) + RESOLUTION * (cells[:, ::-1] + 0.5)
         return np.column_stack([middle, ground[cells[:, 0], cells[:, 1]]])
 
     def _heights(self, seconds: float) -> tuple[Array, Array, Array]:
-        """Top, ground below what is overhead, and clear height above that ground [m].
+        """Top, ground below overhead solids, and headroom above that ground [m].
 
         The highest of 8 x 8 points of each cell, the outermost 1 mm within its border: exact for
         boxes wider than 2 cm, and within 1 cm on slopes of up to 60 degrees.
@@ -145,7 +145,7 @@ class Surface:
         return np.asarray(extreme.reduce(by_cell, axis=(1, 3)))
 
     def _removed(self, seconds: float) -> Array:
-        """(rows, columns) [s]: when a cell's mover was taken away; NaN: none was."""
+        """(rows, columns) [s]: time at which a cell's mover was removed; NaN: never."""
         removed = np.full(self.shape, np.nan)
         times = np.arange(0.0, seconds, 0.02)
         for mover in self._world.movers:

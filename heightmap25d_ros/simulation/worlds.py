@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a world is, and things to build one of."""
+"""The description of a world, and functions to build one."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from heightmap25d_ros.simulation.scene import Mover, Scene, Solid, Span, Terrain
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class World:
-    """A place, and a drive through it that sees most of it.
+    """A world, and a drive through it that observes most of it.
 
     The robot starts at the origin, on ground zero, along x.
 
@@ -25,9 +25,9 @@ class World:
     ----------
     name : str
     area : ((x, x), (y, y)) [m]
-        Of the truth, whole cells of 0.125 m.
+        Extent of the ground truth, in whole cells of 0.125 m.
     way : (N, 2) float64 [m]
-        Corners of the drive's way, from the origin on.
+        Corners of the path of the drive, beginning at the origin.
     solids, terrain, movers
         As for `Scene`.
     speed : float [m/s]
@@ -43,12 +43,12 @@ class World:
     speed: float = 1.0
 
     def scene(self) -> Scene:
-        """The world for rays."""
+        """The geometry of the world."""
         return Scene(self.solids, self.terrain, self.movers)
 
 
 def walls(x: Span, y: Span, height: float, thickness: float = 0.2) -> list[Solid]:
-    """Four walls around a room, outside of its ranges [m]."""
+    """Four walls around a room with these ranges [m]."""
     z = (-0.5, height)
     outer_x = (x[0] - thickness, x[1] + thickness)
     return [
@@ -105,7 +105,7 @@ def floor(z: float = 0.0) -> Solid:
 
 
 def distance_to_way(way: Array, x: Array, y: Array) -> Array:
-    """Distance [m] of points from a polygonal way."""
+    """Distance [m] of points from a polygonal path."""
     nearest = np.full(np.broadcast(x, y).shape, np.inf)
     for start, end in pairwise(way):
         run = end - start
@@ -124,16 +124,16 @@ def scattered(
     radii: Array,
     clear: float = 0.75,
 ) -> Iterator[tuple[float, float]]:
-    """Places for round things that touch neither the way nor what is already there.
+    """Positions of round objects that touch neither the path nor other objects.
 
     Parameters
     ----------
     area : ((x, x), (y, y)) [m]
     taken : list of x, y, radius [m]
-        Grows by the places given.
+        Occupied circles; the yielded ones are appended.
     radii : (N,) float64 [m]
     clear : float [m]
-        Of the way.
+        Least distance from the path.
     """
     for radius in radii:
         for _ in range(400):
@@ -148,14 +148,14 @@ def scattered(
 def turned_box(
     x: float, y: float, size: tuple[float, float], top: float, yaw: float, ground: float = 0.0
 ) -> Solid:
-    """A box on the ground about a place, turned by a yaw [rad]."""
+    """A box on the ground, centred at (x, y) and turned by a yaw [rad]."""
     half_x, half_y = size[0] / 2, size[1] / 2
     return box((x - half_x, x + half_x), (y - half_y, y + half_y), (ground - 0.3, ground + top),
                yaw=yaw)  # fmt: skip
 
 
 def smooth(way: Array, radius: float = 1.0, corners: int = 6) -> Array:
-    """The way with its corners cut by curves."""
+    """The path with rounded corners."""
     result = [way[0]]
     for before, corner, after in zip(way[:-2], way[1:-1], way[2:], strict=True):
         cut = min(radius, 0.45 * np.linalg.norm(corner - before),
@@ -169,13 +169,13 @@ def smooth(way: Array, radius: float = 1.0, corners: int = 6) -> Array:
 
 
 def weaving(way: Array, rng: np.random.Generator, aside: float = 0.2) -> Array:
-    """Another way along the same one: to its left and right, at random and gently.
+    """A path that deviates from another one to its left and right, randomly and smoothly.
 
     Parameters
     ----------
     way : (N, 2) float64 [m]
     aside : float [m]
-        How far from it at most; nowhere at the start, where the robot stands.
+        Largest deviation; none at the start, where the robot stands.
     """
     lengths = np.linalg.norm(np.diff(way, axis=0), axis=1)
     at = np.concatenate([[0.0], np.cumsum(lengths)])

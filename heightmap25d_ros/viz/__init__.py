@@ -1,6 +1,7 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures and 3-D views.
+"""Figures and 3-D views.
 
-Figures with matplotlib, meshes and arrows for RViz, and a scene for rerun.
+Figures of maps, plans and localization with matplotlib; meshes and arrows for RViz; a scene for
+rerun.
 """

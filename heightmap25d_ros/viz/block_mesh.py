@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The faces of a height map's blocks as a viewer sees them, as Fig. 2(c) of the paper."""
+"""The visible faces of the blocks of a height map, as in Fig. 2(c) of the paper."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Faces:
     height : (N,) float64 [m]
         Of the cell that a face belongs to.
     shade : (N,) float64, 0 .. 1
-        Brightness: by the face's direction, and checkered, so that neighbours are told apart.
+        Brightness: by the face's direction, and checkered, to distinguish neighbours.
     """
 
     corners: NDArray[np.float64]
@@ -37,8 +37,8 @@ def faces(geometry: Geometry, metres: NDArray[np.float64], azimuth: float) -> Fa
     """Faces of all cells, each a block from its height down to its lowest neighbour.
 
     Of two cells the one in the nearer row, or in the same row in the nearer column, is never
-    behind the other. So the order of rows and columns is the painter's order: what is drawn
-    later may cover what was drawn before, never the other way round.
+    behind the other. So the order of rows and columns is the painter's order: faces that are
+    drawn later may cover earlier ones, never the reverse.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def faces(geometry: Geometry, metres: NDArray[np.float64], azimuth: float) -> Fa
     metres : (rows, columns) float64 [m]
         Heights, NaN where unknown.
     azimuth : float [rad]
-        Direction from the map to the viewer, who looks from above and from far away.
+        Direction from the map to the viewer, who is above it and far away.
     """
     step_x, step_y = (1 if toward > 0.0 else -1 for toward in (np.cos(azimuth), np.sin(azimuth)))
     # From here on, the next row and the next column are nearer to the viewer.
@@ -79,26 +79,27 @@ def faces(geometry: Geometry, metres: NDArray[np.float64], azimuth: float) -> Fa
 
 
 def all_faces(geometry: Geometry, metres: NDArray[np.float64]) -> Faces:
-    """The faces as of `faces` for viewers on any side, in no order.
+    """The faces as of `faces` for viewers on any side, unordered.
 
-    LocalCells from outside, the corners of each go round against the clock.
+    Seen from outside, the corners of each face are in counter-clockwise order.
     """
     parts = []
     for azimuth, side in ((np.pi / 4, 1.0), (-3 * np.pi / 4, -1.0)):
-        seen = faces(geometry, metres, azimuth)
+        visible = faces(geometry, metres, azimuth)
         normal = np.cross(
-            seen.corners[:, 1] - seen.corners[:, 0], seen.corners[:, 2] - seen.corners[:, 1]
+            visible.corners[:, 1] - visible.corners[:, 0],
+            visible.corners[:, 2] - visible.corners[:, 1],
         )
         is_new = (normal[:, 2] == 0.0) | (side > 0.0)  # tops are the same from both sides
         points_in = normal[:, :2].sum(axis=1) * side < 0.0
-        corners = np.where(points_in[:, None, None], seen.corners[:, ::-1], seen.corners)
-        parts.append((corners[is_new], seen.height[is_new], seen.shade[is_new]))
+        corners = np.where(points_in[:, None, None], visible.corners[:, ::-1], visible.corners)
+        parts.append((corners[is_new], visible.height[is_new], visible.shade[is_new]))
     corners, height, shade = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     return Faces(corners=corners, height=height, shade=shade)
 
 
 def coarser(shown: HeightMap, max_cells: int) -> HeightMap:
-    """The map in at most so many, larger cells, each as high as the highest known one in it."""
+    """The map in larger cells, at most this many, each as high as its highest known cell."""
     rows, columns = shown.geometry.shape
     factor = 1
     while -(-rows // factor) * -(-columns // factor) > max_cells:

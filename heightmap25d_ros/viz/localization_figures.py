@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of a localized drive."""
+"""Figures of localization: trajectories, errors over time, and the score around a registration."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from heightmap25d_ros.viz import map_figures
 _CORRECTED: dict[str, Any] = {"color": "#c020d0", "linewidth": 1.6, "label": "corrected"}
 _ODOMETRY: dict[str, Any] = {"color": "#e4572e", "linewidth": 1.2, "label": "odometry alone"}
 _TRUTH: dict[str, Any] = {"color": "black", "linewidth": 2.6, "label": "truth"}
-_REACH = 0.75  # [m] that the score is drawn around its minimum
+_REACH = 0.75  # [m] around the minimum of the score that are drawn
 _TURN = np.radians(6.0)
 _STEPS = 61
 
@@ -31,7 +31,7 @@ _STEPS = 61
 def trajectories(
     path: Path, long_term: HeightMap, corrected: Array, odometry: Array, truth: Array | None
 ) -> None:
-    """Draw the ways (N, 3) [m] over the long-term map."""
+    """Draw trajectories (N, 3) [m] over the long-term map."""
     figure, axes = map_figures.heights_from_above(long_term)
     if truth is not None:
         axes.plot(truth[:, 0], truth[:, 1], **_TRUTH)
@@ -48,7 +48,7 @@ def errors(
     odometry: Array,
     refused: Array,
 ) -> None:
-    """Draw what is left of the error, and what odometry alone has.
+    """Draw the errors of the corrected pose and of odometry alone over time.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def errors(
     corrected, odometry : (N, 3) float64 [m, m, deg]
         Errors of the position from above, of z and of the yaw.
     refused : (K,) float64 [s]
-        When a registration was refused.
+        When a registration was rejected.
     """
     figure = Figure(figsize=(10.0, 8.0))
     names = "position [m]", "z [m]", "yaw [degrees]"

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of maps, as Fig. 2(c) and 2(d) of the paper. Needs matplotlib, no display."""
+"""Figures of maps, as Fig. 2(c) and 2(d) of the paper. Needs matplotlib, no display."""
 
 from __future__ import annotations
 
@@ -27,26 +27,26 @@ from heightmap25d_ros.terrain.traversability import ObstacleMap
 from heightmap25d_ros.viz import block_mesh
 
 Trajectory = NDArray[np.float64]
-"""(N, 3) [m], map: where the robot drove."""
+"""(N, 3) [m], map: positions of the robot."""
 
 MAX_BLOCKS = 200_000
-"""The 3-D view merges cells, keeping the highest, until there are no more than this."""
+"""Largest number of blocks of the 3-D view; larger maps are shown with larger cells."""
 
 _DPI = 150
 UNKNOWN_COLOUR, _FREE, OCCUPIED_COLOUR = "black", "white", "#e4572e"
 TRAJECTORY: dict[str, Any] = {"color": "#c020d0", "linewidth": 1.6, "solid_capstyle": "round"}
 _LEAST_SPAN = 0.5
-"""Heights that the colours span at least [m], so that noise is not painted as terrain."""
+"""Least range of heights of the colours [m], so that noise does not look like terrain."""
 _ELEVATION, _AZIMUTH = 38.0, -62.0
 
 
 def height_map(path: Path, shown: HeightMap, trajectory: Trajectory | None = None) -> None:
-    """Draw the heights from above; what is unknown is black.
+    """Draw the heights from above; unknown cells are black.
 
     Parameters
     ----------
     path : Path
-        The picture; its name's end says the format.
+        Of the picture; its suffix is the format.
     shown : HeightMap
     trajectory : (N, 3) float64 [m], map
         Drawn over it.
@@ -137,7 +137,7 @@ def blocks(path: Path, shown: HeightMap, trajectory: Trajectory | None = None) -
 
 
 def _drawn_box(axes: Any) -> Bbox:
-    """What a 3-D view covers of its figure [inch]; mplot3d's own box is the whole figure."""
+    """The part of its figure that a 3-D view covers [inch]; mplot3d's box is the whole figure."""
     corners = np.stack(np.meshgrid(*(axes.get_xlim(), axes.get_ylim(), axes.get_zlim())), axis=-1)
     x, y, _ = proj3d.proj_transform(*corners.reshape(-1, 3).T, axes.get_proj())
     points = axes.transData.transform(np.stack([x, y], axis=-1))
@@ -160,7 +160,7 @@ def _space(figure: Figure, limits: NDArray[np.float64]) -> Any:
     axes.set_xlabel("x [m]", labelpad=26.0)
     axes.set_ylabel("y [m]", labelpad=12.0)
     if lengths[2] < lengths.max() / 15.0:
-        axes.set_zticks([])  # too close to one another to be read; the colours tell the height
+        axes.set_zticks([])  # too close to one another to be read; the colours show the height
     else:
         axes.set_zlabel("z [m]", labelpad=2.0)
     return axes
@@ -192,7 +192,7 @@ class _Faces(PolyCollection):
 
 
 def observed_part(shown: HeightMap) -> HeightMap:
-    """What is known of a map, with a margin of two cells."""
+    """The bounding box of the known cells of a map, with a margin of two cells."""
     area = _bounding_area(shown.known)
     part = area.slices(_whole(shown.geometry))
     return HeightMap(
@@ -204,7 +204,7 @@ def observed_part(shown: HeightMap) -> HeightMap:
 
 
 def _bounding_area(known: NDArray[np.bool_]) -> Area:
-    """What is known with a margin of two cells; everything where nothing is."""
+    """Bounding box of the known cells with a margin of two; the whole map without known cells."""
     whole = Area(0, 0, *known.shape)
     rows, columns = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
     if not len(rows):
@@ -241,7 +241,7 @@ def terrain_colours() -> LinearSegmentedColormap:
 
 
 def height_norm(metres: NDArray[np.float64]) -> Normalize:
-    """Colours' range over the finite heights [m], half a metre at the least."""
+    """Range of the colours over the finite heights [m], at least half a metre."""
     known = metres[np.isfinite(metres)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
     missing = max(_LEAST_SPAN - (high - low), 0.0)
@@ -254,6 +254,6 @@ def _draw_trajectory(axes: Axes, trajectory: Trajectory | None) -> None:
 
 
 def save(figure: Figure, path: Path, part: Bbox | str = "tight") -> None:
-    """Write a figure, or a part of it, as a picture; the same one, the same bytes."""
+    """Write a figure, or a part of it, as a picture; reproducible to the byte."""
     FigureCanvasAgg(figure)
     figure.savefig(path, dpi=_DPI, bbox_inches=part, metadata={"Software": None})

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Many triangles in a visualization_msgs/Marker, as the bytes that go over the wire.
+"""Many triangles in a visualization_msgs/Marker, serialized as CDR.
 
-A Point and a ColorRGBA for each corner, made one by one, take seconds for a map of some ten
-thousand cells. In CDR they are plain arrays of numbers.
+A Point and a ColorRGBA object for each corner take seconds for a map of ten thousand cells. In CDR
+they are plain arrays of numbers.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-_ENCAPSULATION = 4  # bytes before the message, from whose beginning its numbers are aligned
+_ENCAPSULATION = 4  # bytes before the message; alignment is relative to the message
 _COUNT = 4  # bytes of the length of a sequence or a string
 
 
@@ -47,7 +47,7 @@ def with_faces(
 
 
 def _points_at(marker: Any) -> int:
-    """Where, in bytes from the message's beginning, the points of a marker are counted."""
+    """Offset [bytes] of the number of points in a serialized marker."""
     stamp, numbers = 8, 12  # seconds and nanoseconds; id, type, action
     pose_scale, colour, lifetime, frame_locked = 10 * 8, 4 * 4, 8, 1
     at = stamp

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What 3-D viewers show of a map: blocks, the frontier of the known, the planner's field."""
+"""Arrays for 3-D viewers: blocks of a map, its frontier, and the planner's field as arrows."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from heightmap25d_ros.viz import block_mesh
 from heightmap25d_ros.viz.map_figures import height_norm, observed_part, terrain_colours
 
 MAX_BLOCKS = 40_000
-"""A map of more cells is shown in larger ones."""
+"""Largest number of blocks; larger maps are shown with larger cells."""
 
 MAX_ARROWS = 1500
-"""A field of more cells is shown by every second, third, ... of them."""
+"""Largest number of arrows; larger fields are shown by every second, third, ... cell."""
 
 ARROW_SPACING = 0.5
-"""Arrows are at least this far apart [m]."""
+"""Least distance between arrows [m]."""
 
 
 def blocks(height_map: HeightMap) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -46,7 +46,7 @@ def blocks(height_map: HeightMap) -> tuple[NDArray[np.float64], NDArray[np.float
 
 
 def frontier(height_map: HeightMap, obstacles: ObstacleMap) -> HeightMap:
-    """The map with only those cells known that are free and have an unknown one beside them.
+    """The map reduced to its frontier: free cells with an unknown neighbour.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def frontier(height_map: HeightMap, obstacles: ObstacleMap) -> HeightMap:
 
 
 def field_arrows(graph: TransitionGraph, cost_to_go: CostToGo) -> NDArray[np.float64]:
-    """Poses (N, 4, 4) [m], map, that head where the best way from their cells leads.
+    """Poses (N, 4, 4) [m], map, of cells, in the direction of their cheapest path.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def field_arrows(graph: TransitionGraph, cost_to_go: CostToGo) -> NDArray[np.flo
         every += 1
     cells = np.argwhere(reached[::every, ::every]) * every
     steps = np.array([cost_to_go.direction((int(iy), int(ix))) for iy, ix in cells], np.int64)
-    cells, steps = cells[steps >= 0], steps[steps >= 0]  # none leads on from the goal
+    cells, steps = cells[steps >= 0], steps[steps >= 0]  # the goal has no direction
     dy, dx = np.array(NEIGHBOURS)[steps].T
     poses = np.zeros((len(cells), 6))
     poses[:, :2] = graph.geometry.cell_center(cells)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A picture of a plan: the path over heights and obstacles, and its profile from the side."""
+"""Figure of a plan: the path over heights and obstacles, and its profile from the side."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ from heightmap25d_ros.viz.map_figures import (
 )
 
 _FOOTPRINT_EVERY = 1.0
-"""Along the path [m]."""
+"""Distance between the footprints that are drawn along the path [m]."""
 
 _PROFILE, _GAP = 1.5, 0.7
-"""Height of the profile, and between it and the map [inch]."""
+"""Height of the profile, and of the gap between it and the map [inch]."""
 
 
 def distances(poses: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N,) [m]: how far along a path of poses (N, 4, 4) each of them is."""
+    """(N,) [m]: distance of each pose along a path (N, 4, 4)."""
     steps = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
     return np.concatenate([[0.0], np.cumsum(steps)])
 
@@ -51,14 +51,14 @@ def draw(
     Parameters
     ----------
     path : Path
-        The picture; its name's end says the format.
+        Of the picture; its suffix is the format.
     height_map : HeightMap
     graph : TransitionGraph
-        Of that map: where the robot's middle cannot be is shaded.
+        Of that map: cells that cannot contain the robot's centre are shaded.
     plan : Plan
         With a path.
     robot : PlannerParams
-        Its rectangle is drawn.
+        Its footprint is drawn.
     """
     shown = observed_part(height_map)
     figure, axes = map_axes(shown.geometry)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A map in 3-D for the viewer rerun: blocks, obstacles, frontier, the robot and its way."""
+"""A 3-D scene for the viewer rerun: blocks, obstacles, frontier, the robot and its trajectory."""
 
 from __future__ import annotations
 
@@ -26,28 +26,28 @@ except ImportError:
     raise InputError("view needs rerun: pip install -r requirements/view.txt") from None
 
 TIMELINE = "bag"
-"""Seconds of the bag."""
+"""Name of the timeline: seconds of the bag."""
 
 _OBSTACLE = tuple(int(OCCUPIED_COLOUR[i : i + 2], 16) for i in (1, 3, 5))
-_FRONTIER, _WAY, _ROBOT = (255, 0, 200), (25, 255, 0), (220, 30, 30)
+_FRONTIER, _TRAJECTORY, _ROBOT = (255, 0, 200), (25, 255, 0), (220, 30, 30)
 _BODY_HEIGHT = 0.55
-"""Of the box that stands for the robot [m]."""
+"""Height of the box that represents the robot [m]."""
 
 _EYE = (-0.12, -0.55, 0.45)
-"""Where the map is looked at from, off its middle, in its longest sides."""
+"""Viewpoint relative to the centre of the map, in multiples of its longest side."""
 
 
 class Scene3d:
-    """What a viewer shows; each call replaces what it showed of its kind, from its time on.
+    """The scene of a viewer; each call replaces objects of its kind from the current time on.
 
     Parameters
     ----------
     title : str
     terrain : TraversabilityParams
     robot : PlannerParams
-        Its rectangle is drawn as a box.
+        Its footprint is drawn as a box.
     path : Path, optional
-        The recording goes into this file, in place of a viewer.
+        The recording is written to this file, not sent to a viewer.
     """
 
     def __init__(
@@ -68,16 +68,16 @@ class Scene3d:
         self._log("/", rerun.ViewCoordinates.RIGHT_HAND_Z_UP)
 
     def open_window(self) -> None:
-        """Show all in a window of its own."""
+        """Show the scene in a viewer window."""
         self._recording.spawn()
 
     def serve(self, port: int) -> str:
-        """Serve all to browsers as long as this process lives; the address for them.
+        """Serve the scene to browsers as long as this process runs; returns its address.
 
         Raises
         ------
         InputError
-            If the port, or rerun's own 9876, is taken.
+            If the port, or rerun's own 9876, is in use.
         """
         try:
             address = self._recording.serve_grpc()
@@ -87,11 +87,11 @@ class Scene3d:
         return f"http://127.0.0.1:{port}/?url={quote(address, safe='')}"
 
     def finish(self) -> None:
-        """Look at the newest map, and wait until all has been written or sent."""
+        """Set the view to the newest map, and wait until all data is written or sent."""
         low, high = self._corners.min(axis=0), self._corners.max(axis=0)
         middle, size = (low + high) / 2, float((high - low).max())
         eye: dict[str, Any] = {}
-        if hasattr(rerun.blueprint, "EyeControls3D"):  # 0.23 chooses where to look from by itself
+        if hasattr(rerun.blueprint, "EyeControls3D"):  # 0.23 chooses the viewpoint by itself
             eye["eye_controls"] = rerun.blueprint.EyeControls3D(
                 position=middle + size * np.array(_EYE), look_target=middle
             )
@@ -101,12 +101,12 @@ class Scene3d:
         self._recording.flush()
 
     def at(self, seconds: float) -> None:
-        """What is said from here on holds from this time of the bag [s] on."""
+        """Set the current time of the bag [s]."""
         self._has_time = True
         self._recording.set_time(TIMELINE, duration=seconds)
 
     def show_map(self, height_map: HeightMap) -> None:
-        """Blocks; tops of obstacles and of the frontier of the known as points."""
+        """Show a map: blocks, and obstacles and frontier cells as points on their tops."""
         corners, colours = markers.blocks(height_map)
         self._corners = corners.reshape(-1, 3) if len(corners) else self._corners
         first = 4 * np.arange(len(corners))[:, None]
@@ -128,12 +128,12 @@ class Scene3d:
             tops = _tops(height_map, cells)
             self._log(name, rerun.Points3D(tops, colors=colour, radii=radius))
 
-    def show_way(self, places: NDArray[np.float64]) -> None:
-        """Where the robot drove: (N, 3) [m], map."""
-        self._log("way", rerun.LineStrips3D([places], colors=_WAY, radii=0.03))
+    def show_trajectory(self, positions: NDArray[np.float64]) -> None:
+        """Show the trajectory of the robot: (N, 3) [m], map."""
+        self._log("trajectory", rerun.LineStrips3D([positions], colors=_TRAJECTORY, radii=0.03))
 
     def show_robot(self, T_map_base: se3.Matrix) -> None:
-        """Where the robot is."""
+        """Show the robot at a pose."""
         pose = rerun.Transform3D(translation=T_map_base[:3, 3], mat3x3=T_map_base[:3, :3])
         box = rerun.Boxes3D(
             sizes=[self._size], centers=[(0.0, 0.0, _BODY_HEIGHT / 2)], colors=_ROBOT
@@ -145,7 +145,7 @@ class Scene3d:
 
 
 def _tops(height_map: HeightMap, chosen: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """(N, 3) [m]: middles of the tops of cells."""
+    """(N, 3) [m]: centres of the tops of cells."""
     cells = np.argwhere(chosen)
     return np.column_stack([
         height_map.geometry.cell_center(cells),

@@ -9,7 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from heightmap25d_ros.localization.matching import Cost, RegistrationPoints, descend, match, search
+from heightmap25d_ros.localization.matching import (
+    Cost,
+    RegistrationPoints,
+    Window,
+    descend,
+    match,
+    search,
+)
 from heightmap25d_ros.localization.surface import Surface, coarser, edges
 
 NAN = math.nan
@@ -178,7 +185,7 @@ def test_search_is_the_score_where_points_are_on_centres():
                         for iy in range(3, 6)])  # fmt: skip
     some = points(np.column_stack([centres, rng.uniform(-0.3, 0.3, 9)]))
     steps = np.arange(-2, 3)
-    scores = search(some, (steps, steps, np.zeros(1)), over, (0.0, 0.0), COST)
+    scores = search(some, Window(steps, steps, np.zeros(1)), over, (0.0, 0.0), COST)
     assert scores.shape == (1, 5, 5)
     for j, dy in enumerate(steps):
         for i, dx in enumerate(steps):

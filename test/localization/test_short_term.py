@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from heightmap25d_ros import se3
-from heightmap25d_ros.localization.short_term import ShortTermMap, ShortTermMaps, way_between
+from heightmap25d_ros.localization.short_term import ShortTermMap, ShortTermMaps, distance_travelled
 from heightmap25d_ros.mapping.sensor_model import Beams
 from heightmap25d_ros.params.by_name import with_values
 from heightmap25d_ros.params.sections import Params
@@ -68,11 +68,11 @@ def test_one_is_always_mature_once_the_first_is():
     for step in range(200):
         x = 0.05 * step
         maps.integrate(fan(x, wall=x + 3.0), at(x), step * 10**8)
-        if maps.way >= PARAMS.short_term.mature_distance:
+        if maps.distance >= PARAMS.short_term.mature_distance:
             mature = maps.mature()
             assert mature is not None
-            oldest.append(maps.way - mature.way)
-    assert maps.way == pytest.approx(9.95)
+            oldest.append(maps.distance - mature.distance)
+    assert maps.distance == pytest.approx(9.95)
     assert max(oldest) <= PARAMS.short_term.length + 1e-9
     after = PARAMS.short_term.length * (1 - 1 / PARAMS.short_term.maps)
     assert min(oldest[50:]) >= after - 0.051
@@ -94,12 +94,12 @@ def test_an_empty_one_is_not_mature():
 
 
 def test_turning_counts_as_way_and_clearing_forgets():
-    assert way_between(at(0.0), at(1.0)) == pytest.approx(1.0)
-    assert way_between(at(0.0), at(0.0, yaw=1.0)) == pytest.approx(0.5)
+    assert distance_travelled(at(0.0), at(1.0)) == pytest.approx(1.0)
+    assert distance_travelled(at(0.0), at(0.0, yaw=1.0)) == pytest.approx(0.5)
     maps = ShortTermMaps(PARAMS)
     for step in range(30):
         maps.integrate(fan(0.0), at(0.05 * step), step)
     maps.clear()
     assert maps.mature() is None
     maps.integrate(fan(0.0), at(500.0), 31)
-    assert maps.way < 2.0
+    assert maps.distance < 2.0

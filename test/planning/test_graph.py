@@ -146,12 +146,11 @@ def test_where_the_robot_fits_by_distances(seed, radius, margin):
     rng = np.random.default_rng(seed)
     shape = tuple(rng.integers(1, 30, 2))
     occupied, forbidden = (rng.random(shape) < rng.choice([0.0, 0.01, 0.1]) for _ in range(2))
-    params = TraversabilityParams(robot_radius=radius), PlannerParams(unknown_margin=margin)
     expected = np.ones(shape, bool)
     for cells, distance in ((occupied, radius), (forbidden, margin)):
         if cells.any():
             expected &= ndimage.distance_transform_edt(~cells) * CELL > distance + 1e-9
-    assert (collision_free(occupied, forbidden, params, CELL) == expected).all()
+    assert (collision_free(occupied, forbidden, radius, margin, CELL) == expected).all()
 
 
 def filled(*rows, max_gap=0.25):

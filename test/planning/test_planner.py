@@ -234,7 +234,7 @@ def test_unknown_ground():
     assert status_of(dear, center((20, 6)), center((20, 30))) is Status.NONE
 
 
-def test_a_goal_that_no_way_leads_to():
+def test_a_goal_that_no_path_leads_to():
     plan = route_planner(walled()).plan(center((20, 6)), center((20, 33)), is_robot_there=False)
     assert plan.status is Status.NO_VALID_PATH
     assert plan.reason

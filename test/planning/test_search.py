@@ -32,10 +32,10 @@ def incoming_cost(incoming, before, cell):
     return int(incoming[cell[0] + 1, cell[1] + 1, k])
 
 
-def way_cost(incoming, way):
-    """Of a way (N, 2); it must be contiguous and open."""
+def path_cost(incoming, path):
+    """Of a path (N, 2); it must be contiguous and open."""
     total = 0
-    for before, cell in pairwise(map(tuple, way.tolist())):
+    for before, cell in pairwise(map(tuple, path.tolist())):
         cost = incoming_cost(incoming, before, cell)
         assert cost != CLOSED
         total += cost
@@ -115,7 +115,7 @@ def test_an_island_and_a_goal_that_nothing_may_enter():
     assert nothing[0, 4] == 0
     assert (nothing.dense() == UNREACHABLE).sum() == 63
     assert nothing[7, 7] == UNREACHABLE
-    assert nothing.way((7, 7)).shape == (0, 2)
+    assert nothing.cheapest_path((7, 7)).shape == (0, 2)
     assert nothing.direction((7, 7)) == -1
 
 
@@ -164,7 +164,7 @@ def test_uphill_is_dearer_than_downhill():
     assert field(OPEN, (7, 0), **terrain)[:, 0].tolist() == [70 * n for n in range(7, -1, -1)]
 
 
-def test_a_way_and_its_directions_written_out():
+def test_a_path_and_its_directions_written_out():
     enterable = drawn(
         "........",
         ".#######",
@@ -176,14 +176,14 @@ def test_a_way_and_its_directions_written_out():
         "........",
     )
     result = cost_to_go(graph(enterable).incoming, (0, 7))
-    assert result.way((4, 7)).tolist() == [
+    assert result.cheapest_path((4, 7)).tolist() == [
         [4, 7], [3, 7], [2, 7], [2, 6], [2, 5], [2, 4], [2, 3], [2, 2], [2, 1], [2, 0],
         [1, 0], [0, 0], [0, 1], [0, 2], [0, 3], [0, 4], [0, 5], [0, 6], [0, 7],
     ]  # fmt: skip
     assert result[4, 7] == 18 * 70
     assert [result.direction(cell) for cell in ((4, 7), (2, 7), (2, 0), (0, 0))] == [6, 4, 6, 0]
     assert result.direction((0, 7)) == -1
-    assert result.way((0, 7)).tolist() == [[0, 7]]
+    assert result.cheapest_path((0, 7)).tolist() == [[0, 7]]
 
 
 def assert_exact(incoming, goal, start):
@@ -193,14 +193,14 @@ def assert_exact(incoming, goal, start):
     guided = cost_to_go(incoming, goal, start=start)
     assert whole[start] == guided[start] == expected[start]
     for result in (whole, guided):
-        way = result.way(start)
+        path = result.cheapest_path(start)
         if expected[start] < 0:
-            assert way.shape == (0, 2)
+            assert path.shape == (0, 2)
             continue
-        assert tuple(way[0]) == start
-        assert tuple(way[-1]) == goal
-        assert way_cost(incoming, way) == expected[start]
-        for cell, after in pairwise(map(tuple, way.tolist())):
+        assert tuple(path[0]) == start
+        assert tuple(path[-1]) == goal
+        assert path_cost(incoming, path) == expected[start]
+        for cell, after in pairwise(map(tuple, path.tolist())):
             assert AROUND[result.direction(cell)] == (after[0] - cell[0], after[1] - cell[1])
             assert result[cell] == expected[cell]
     for cell in np.ndindex(expected.shape):
@@ -241,7 +241,7 @@ def test_the_guided_search_on_larger_grids(seed, largest):
     assert (cost_to_go(terrain.incoming, goal).dense() == expected).all()
     guided = cost_to_go(terrain.incoming, goal, start=start)
     assert guided[start] == expected[start]
-    assert way_cost(terrain.incoming, guided.way(start)) == max(expected[start], 0)
+    assert path_cost(terrain.incoming, guided.cheapest_path(start)) == max(expected[start], 0)
 
 
 def test_a_guided_search_never_says_too_little():
@@ -280,7 +280,7 @@ def test_a_search_in_several_slices():
         cost_to_go(incoming, goal, deadline=time.monotonic() - 1.0)
 
 
-def test_a_way_that_is_too_long_to_be_counted_is_not_found():
+def test_a_path_that_is_too_long_to_be_counted_is_not_found():
     side = 801
     enterable = np.ones((side, side), bool)
     enterable[1::4, :-1] = enterable[3::4, 1:] = False  # one way, to and fro

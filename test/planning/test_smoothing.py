@@ -24,16 +24,16 @@ MOST = settings(max_examples=200)
 
 
 def pulled(terrain, start, goal):
-    """(vertices, cells, field) of a way, or None."""
+    """(vertices, cells, field) of a path, or None."""
     field = cost_to_go(terrain.incoming, goal)
     if field[start] == UNREACHABLE:
         return None
-    cells = field.way(start)
+    cells = field.cheapest_path(start)
     return string_pull(terrain, field, cells), cells, field
 
 
-def some_way(seed, **options):
-    """A random graph with the vertices, cells and field of a way over it, or None."""
+def some_path(seed, **options):
+    """A random graph with the vertices, cells and field of a path over it, or None."""
     terrain = random_graph(seed, **options)
     ends = random_cells(terrain, seed, 2)
     result = pulled(terrain, *ends) if ends else None
@@ -82,11 +82,11 @@ def test_a_line_over_a_blocked_step_is_closed_and_beside_it_open():
 
 @given(SEEDS)
 @MOST
-def test_a_pulled_way_is_open_and_to_half_a_percent_no_dearer_than_the_cells(seed):
-    way = some_way(seed)
-    if way is None:
+def test_a_pulled_path_is_open_and_to_half_a_percent_no_dearer_than_the_cells(seed):
+    path = some_path(seed)
+    if path is None:
         return
-    terrain, vertices, cells, field = way
+    terrain, vertices, cells, field = path
     literal = LiteralGround.of(terrain)
     assert (vertices[0] == cells[0] + 0.5).all()
     assert (vertices[-1] == cells[-1] + 0.5).all()
@@ -105,7 +105,7 @@ def test_a_pulled_way_is_open_and_to_half_a_percent_no_dearer_than_the_cells(see
         assert total <= steps[0] / 70 * 1.005 + len(cells) / 140
 
 
-def test_ways_over_open_ground_become_shorter_than_8_directions_allow():
+def test_paths_over_open_ground_become_shorter_than_8_directions_allow():
     terrain = graph(np.ones((64, 64), bool))
     rng = np.random.default_rng(1)
     before, after, straight = [], [], []
@@ -120,7 +120,7 @@ def test_ways_over_open_ground_become_shorter_than_8_directions_allow():
     assert np.sum(after) <= 0.96 * np.sum(before)
 
 
-def test_ways_around_obstacles_become_shorter():
+def test_paths_around_obstacles_become_shorter():
     enterable = np.ones((60, 60), bool)
     enterable[10:50, 20:22] = enterable[20:60, 40:43] = False
     vertices, cells, _ = pulled(graph(enterable), (30, 2), (55, 57))
@@ -128,7 +128,7 @@ def test_ways_around_obstacles_become_shorter():
     assert 3 <= len(vertices) <= 10
 
 
-def test_a_way_around_dear_ground_is_not_pulled_over_it():
+def test_a_path_around_dear_ground_is_not_pulled_over_it():
     weight = np.ones((21, 41), np.float32)
     weight[:16, 15:26] = 20.0
     terrain = graph(np.ones((21, 41), bool), weight=weight)
@@ -141,10 +141,10 @@ def test_a_way_around_dear_ground_is_not_pulled_over_it():
 @given(SEEDS, st.sampled_from([0.1, 0.125, 0.05]))
 @MOST
 def test_rounded_corners_stay_on_open_transitions(seed, resolution):
-    way = some_way(seed, most_side=24, share_closed=0.25, resolution=resolution)
-    if way is None:
+    path = some_path(seed, most_side=24, share_closed=0.25, resolution=resolution)
+    if path is None:
         return
-    terrain, vertices, *_ = way
+    terrain, vertices, *_ = path
     literal = LiteralGround.of(terrain)
     points = round_corners(terrain, vertices)
     assert (points[0] == vertices[0]).all()
@@ -166,7 +166,7 @@ def test_a_right_angle_becomes_a_curve_within_the_corner():
     assert (points[:, 1] <= 25.5).all()
 
 
-def test_a_corner_of_a_way_one_cell_wide_is_rounded_within_it():
+def test_a_corner_of_a_path_one_cell_wide_is_rounded_within_it():
     enterable = np.zeros((12, 12), bool)
     enterable[2, 2:10] = enterable[2:10, 9] = True
     vertices = np.array([[2.5, 2.5], [2.5, 9.5], [9.5, 9.5]])
@@ -268,7 +268,7 @@ def test_overlaps_by_half_planes(seed):
         if inside.any():
             expected = i
             break
-    assert first_overlap(solid, poses, size) == expected
+    assert first_overlap(solid, poses, *size) == expected
 
 
 def test_the_rectangle_is_long_where_it_looks():
@@ -276,12 +276,12 @@ def test_the_rectangle_is_long_where_it_looks():
     solid[5, 8] = True
     size = (7.0, 1.0)
     along_x, along_y = np.array([[5.5, 5.5, 0.0]]), np.array([[5.5, 5.5, math.pi / 2]])
-    assert first_overlap(solid, along_x, size) == 0
-    assert first_overlap(solid, along_y, size) == -1
-    assert first_overlap(solid.T, along_x, size) == -1
-    assert first_overlap(solid.T, along_y, size) == 0
-    assert first_overlap(solid, np.concatenate([along_y, along_y, along_x]), size) == 2
-    assert first_overlap(solid, np.empty((0, 3)), size) == -1
+    assert first_overlap(solid, along_x, *size) == 0
+    assert first_overlap(solid, along_y, *size) == -1
+    assert first_overlap(solid.T, along_x, *size) == -1
+    assert first_overlap(solid.T, along_y, *size) == 0
+    assert first_overlap(solid, np.concatenate([along_y, along_y, along_x]), *size) == 2
+    assert first_overlap(solid, np.empty((0, 3)), *size) == -1
 
 
 @given(SEEDS, st.sampled_from([0.5, 3.0, 40.0]))

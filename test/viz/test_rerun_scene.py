@@ -43,7 +43,7 @@ def test_bag_becomes_a_recording_along_its_time(tmp_path, capsys):
     assert cli.main(["view", str(RAMP), "--save", str(recording)]) == 0
     assert str(recording) in capsys.readouterr().out
     text = printed(recording)
-    for name in ("/map/blocks", "/map/obstacles", "/map/frontier", "/way", "/robot"):
+    for name in ("/map/blocks", "/map/obstacles", "/map/frontier", "/trajectory", "/robot"):
         assert name in text
     # A map every two seconds, and one at the end.
     maps = re.findall(r"with (\d+) rows .* - /map/blocks", text)
@@ -56,7 +56,7 @@ def test_map_becomes_a_recording_without_time(tmp_path, capsys):
     assert cli.main(["map", str(RAMP), "-o", str(tmp_path / "map")]) == 0
     assert cli.main(["view", str(tmp_path / "map"), "--save", str(recording)]) == 0
     text = printed(recording)
-    for name in ("/map/blocks", "/map/obstacles", "/map/frontier", "/way"):
+    for name in ("/map/blocks", "/map/obstacles", "/map/frontier", "/trajectory"):
         assert name in text
     assert "/robot" not in text
 
