@@ -280,7 +280,7 @@ def test_a_way_that_is_hardly_better_is_not_taken():
 def test_a_goal_whose_way_is_closed_stays():
     p = planning(wall(NEAR))
     assert_plans(p)
-    assert_refused(p.take_map(grid(wall())), Status.NO_VALID_PATH, "no way")
+    assert_refused(p.take_map(grid(wall())), Status.NO_VALID_PATH, "no drivable path")
     elsewhere = wall()
     elsewhere[5:10, 5:10] = 90
     assert p.take_map(grid(elsewhere)) is None  # said already
