@@ -11,7 +11,8 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -20,23 +21,45 @@ from numpy.typing import NDArray
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.grid.height_map import Area, Cell, HeightMap
 from heightmap25d_ros.params.sections import PlannerParams, TraversabilityParams
-from heightmap25d_ros.planning import collision, search
+from heightmap25d_ros.planning import collision
 from heightmap25d_ros.planning.graph import TransitionGraph, transition_graph
 from heightmap25d_ros.planning.plan import Plan, Pose2D, Status, as_pose, in_cells
-from heightmap25d_ros.planning.search import STRAIGHT, CostToGo, SearchTimeoutError
+from heightmap25d_ros.planning.rectangle_check import (
+    cell_to_close,
+    first_blocked,
+    fits_at,
+    line_fits,
+)
+from heightmap25d_ros.planning.refusals import no_path, no_way_out
+from heightmap25d_ros.planning.route import Route, cheapest_route, nearest_reachable, to_cell
+from heightmap25d_ros.planning.search import SearchTimeoutError
 from heightmap25d_ros.planning.smoothing import (
     SPACING,
     headings,
+    path_points,
     round_corners,
     sampled,
-    string_pull,
-    swept,
 )
-from heightmap25d_ros.planning.start_clearing import clear_start, offsets
+from heightmap25d_ros.planning.start_clearing import (
+    ClearedStart,
+    clear_start,
+)
 from heightmap25d_ros.planning.surface_poses import interpolated, on_surface
 
 _ATTEMPTS = 40
 """Number of paths that are tried until the rectangle fits along one."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Search:
+    """What is asked for, and until when."""
+
+    start: Pose2D
+    goal: Pose2D
+    start_cell: Cell
+    goal_cell: Cell
+    deadline: float
+    is_field_wanted: bool
 
 
 class Planner:
@@ -71,6 +94,7 @@ class Planner:
         self._terrain = terrain
         self._params = params
         self._resolution = graph.geometry.resolution
+        self._size = params.robot_length / self._resolution, params.robot_width / self._resolution
 
     @classmethod
     def from_height_map(
@@ -138,15 +162,16 @@ class Planner:
             fit along it.
         """
         geometry = self.graph.geometry
-        robot_cell = _cell(geometry.cell_at((robot.x, robot.y)))
+        robot_cell = to_cell(geometry.cell_at((robot.x, robot.y)))
         points = (poses[:, 1::-1, 3] - geometry.origin[::-1]) / geometry.resolution
         if not geometry.contains(np.floor([*points, robot_cell])).all():
             return None
-        graph = self._cleared(robot, is_robot_there=True)
-        costs = [graph.line_cost(p, q) for p, q in pairwise(points)]
+        cleared = self._cleared(robot, is_robot_there=True)
+        costs = [cleared.leaving.line_cost(p, q) for p, q in pairwise(points)]
         heading = np.arctan2(poses[:, 1, 0], poses[:, 0, 0])
-        first = _cell(np.floor(points[0]))
-        if min(costs, default=0.0) < 0.0 or self._overlap(graph, points, heading, first):
+        if min(costs, default=0.0) < 0.0:
+            return None
+        if first_blocked(cleared.graph.occupied, points, heading, self._size) >= 0:
             return None
         return sum(costs) * geometry.resolution
 
@@ -154,50 +179,63 @@ class Planner:
         self, start: Pose2D, goal: Pose2D, is_robot_there: bool, is_field_wanted: bool, began: float
     ) -> Plan:
         geometry = self.graph.geometry
-        start_cell, goal_cell = (_cell(geometry.cell_at((p.x, p.y))) for p in (start, goal))
+        start_cell, goal_cell = (to_cell(geometry.cell_at((p.x, p.y))) for p in (start, goal))
         for cell, name in ((start_cell, "start"), (goal_cell, "goal")):
             if not geometry.contains(cell):
                 status = Status[f"{name.upper()}_OUTSIDE_MAP"]
                 return Plan(status=status, reason=f"the {name} is outside of the map")
-        graph = self._cleared(start, is_robot_there)
-        if not graph.enterable[start_cell]:
-            problem = self._problem(graph, start_cell)
-            return Plan(status=Status.START_OCCUPIED, reason=f"the start {problem}")
+        cleared = self._cleared(start, is_robot_there)
+        if not (cleared.graph.enterable[start_cell] or len(cleared.exits)):
+            return no_way_out(cleared.graph, start_cell, self._terrain.robot_radius)
         deadline = began + self._params.timeout
-        requested_cell = goal_cell
+        asked = _Search(start, goal, start_cell, goal_cell, deadline, is_field_wanted)
+        # A robot that needs not turn into obstacles to leave is not told to.
+        is_turn_checked = start.yaw is not None and not len(cleared.exits)
+        is_turn_checked = is_turn_checked and fits_at(cleared.graph, start, self._size)
+        plan, is_final = self._tried(asked, cleared, is_turn_checked=is_turn_checked)
+        if plan.found or is_final or not is_turn_checked:
+            return plan
+        return self._tried(asked, cleared, is_turn_checked=False)[0]
+
+    def _tried(
+        self, asked: _Search, cleared: ClearedStart, *, is_turn_checked: bool
+    ) -> tuple[Plan, bool]:
+        """A plan along one of the cheapest paths, and whether it was the first one."""
+        start, goal, goal_cell = asked.start, asked.goal, asked.goal_cell
+        original = cleared.graph
         for _ in range(_ATTEMPTS):
-            cost_to_go, cells = self._searched(
-                graph, start_cell, goal_cell, deadline, is_field_wanted
+            route = cheapest_route(
+                cleared, asked.start_cell, goal_cell, asked.deadline, asked.is_field_wanted
             )
-            if not len(cells):
-                nearest = self._nearest(graph, start_cell, goal, deadline)
+            if route is None:
+                nearest = nearest_reachable(
+                    cleared, asked.start_cell, goal, self._params.goal_tolerance, asked.deadline
+                )
                 if nearest is None or nearest == goal_cell:
-                    return self._refused(self.graph, graph, requested_cell)
+                    radius = self._terrain.robot_radius
+                    refusal = no_path(self.graph, cleared.graph, asked.goal_cell, radius)
+                    return refusal, cleared.graph is original
                 goal_cell = nearest
                 continue
-            end = goal if goal_cell == requested_cell else self._center(goal_cell, goal.yaw)
-            points = self._points(graph, cost_to_go, cells, start, end)
-            heading = headings(points, start.yaw, end.yaw)
-            overlap = self._overlap(graph, points, heading, start_cell)
+            end = goal if goal_cell == asked.goal_cell else self._center(goal_cell, goal.yaw)
+            for is_careful in (False, True):
+                points = self._points(cleared.graph, route, start, end, is_careful=is_careful)
+                heading = headings(points, start.yaw, end.yaw)
+                overlap = cell_to_close(
+                    cleared.graph, points, heading, self._size, end, is_turn_checked=is_turn_checked
+                )
+                if overlap is None:
+                    break
             if overlap is None:
-                return self._result(graph, cost_to_go, points, heading, start_cell, goal, end)
-            graph = _without(graph, overlap)
-        return Plan(
-            status=Status.NO_VALID_PATH,
-            reason=f"the robot's rectangle fits along none of {_ATTEMPTS} paths",
-        )
+                return self._result(cleared.leaving, route, points, heading, goal, end), True
+            if overlap == asked.start_cell != goal_cell:
+                radius = self._terrain.robot_radius
+                return no_way_out(cleared.graph, asked.start_cell, radius), False
+            cleared = replace(cleared, graph=_without(cleared.graph, overlap))
+        reason = f"the robot's rectangle fits along none of {_ATTEMPTS} paths"
+        return Plan(status=Status.NO_VALID_PATH, reason=reason), False
 
-    def _searched(
-        self, graph: TransitionGraph, start: Cell, goal: Cell, deadline: float, is_whole: bool
-    ) -> tuple[CostToGo, NDArray[np.int64]]:
-        cost_to_go = search.cost_to_go(
-            graph.incoming, goal, start=None if is_whole else start, deadline=deadline
-        )
-        if time.monotonic() > deadline:  # a small map is searched within one slice
-            raise SearchTimeoutError
-        return cost_to_go, cost_to_go.cheapest_path(start)
-
-    def _cleared(self, start: Pose2D, is_robot_there: bool) -> TransitionGraph:
+    def _cleared(self, start: Pose2D, is_robot_there: bool) -> ClearedStart:
         return clear_start(
             self.graph, start, self._terrain, self._params, is_robot_there=is_robot_there
         )
@@ -206,97 +244,32 @@ class Planner:
         x, y = self.graph.geometry.cell_center(cell)
         return Pose2D(x=float(x), y=float(y), yaw=yaw)
 
-    def _nearest(
-        self, graph: TransitionGraph, start: Cell, goal: Pose2D, deadline: float
-    ) -> Cell | None:
-        """The cell nearest to a goal, within the tolerance, that is connected with the start."""
-        if not self._params.goal_tolerance:
-            return None
-        # Every transition can be driven in both directions, at different costs.
-        connected = search.cost_to_go(graph.incoming, start, deadline=deadline)
-        reach = math.ceil(self._params.goal_tolerance / self._resolution) + 1
-        cell = _cell(graph.geometry.cell_at((goal.x, goal.y)))
-        area = Area(cell[0], cell[1], 1, 1).grown(reach).within(graph.area)
-        *_, distance = offsets(area, *in_cells(goal, graph.geometry))
-        is_candidate = connected.remaining[1:-1, 1:-1][area.slices(graph.area)] != 0
-        is_candidate &= distance * self._resolution <= self._params.goal_tolerance
-        if not is_candidate.any():
-            return None
-        iy, ix = np.unravel_index(np.where(is_candidate, distance, np.inf).argmin(), area.shape)
-        return int(iy) + area.iy, int(ix) + area.ix
-
-    def _refused(self, original: TransitionGraph, graph: TransitionGraph, goal: Cell) -> Plan:
-        if not original.enterable[goal]:
-            problem = self._problem(original, goal)
-            return Plan(status=Status.GOAL_OCCUPIED, reason=f"the goal {problem}")
-        if not graph.enterable[goal]:
-            reason = "the robot's rectangle does not fit at the goal"
-            return Plan(status=Status.GOAL_OCCUPIED, reason=reason)
-        reason = "no drivable path connects start and goal"
-        return Plan(status=Status.NO_VALID_PATH, reason=reason)
-
-    def _problem(self, graph: TransitionGraph, cell: Cell) -> str:
-        """Why a cell cannot contain the robot's centre."""
-        if graph.forbidden[cell]:
-            return "is on unknown ground"
-        if graph.occupied[cell]:
-            return "is on an obstacle: a step or a slope that is too high"
-        reach = math.ceil(self._terrain.robot_radius / self._resolution) + 1
-        area = Area(cell[0], cell[1], 1, 1).grown(reach).within(graph.area)
-        near = graph.occupied[area.slices(graph.area)]
-        iy, ix = np.nonzero(near)
-        distance = np.hypot(iy + area.iy - cell[0], ix + area.ix - cell[1]) * self._resolution
-        if len(distance) and distance.min() <= self._terrain.robot_radius + 1e-6:
-            return f"is {distance.min():.2f} m from an obstacle: the robot does not fit there"
-        return "is too near to unknown ground"
-
     def _points(
-        self,
-        graph: TransitionGraph,
-        cost_to_go: CostToGo,
-        cells: NDArray[np.int64],
-        start: Pose2D,
-        end: Pose2D,
+        self, graph: TransitionGraph, route: Route, start: Pose2D, end: Pose2D, *, is_careful: bool
     ) -> Array:
-        """The path [cells] from the start pose to the end pose."""
-        first, last = (np.array(in_cells(pose, graph.geometry)[:2]) for pose in (start, end))
-        inner = list(string_pull(graph, cost_to_go, cells))
-        # The ends lie beside the centres of their cells. Where a line from there is blocked, the
-        # path leads over the centre.
-        if len(cells) == 1:
-            vertices = [first, last]
-        else:
-            head = [] if graph.line_cost(first, inner[1]) >= 0.0 else [inner[0]]
-            tail = [] if graph.line_cost(inner[-2], last) >= 0.0 else [inner[-1]]
-            vertices = [first, *head, *inner[1:-1], *tail, last]
-            if len(vertices) == 2 and graph.line_cost(first, last) < 0.0:
-                vertices = [first, inner[0], inner[-1], last]
-        return sampled(round_corners(graph, np.array(vertices)), SPACING / self._resolution)
+        """The path [cells] from the start pose to the end pose.
 
-    def _overlap(
-        self, graph: TransitionGraph, points: Array, heading: Array, start: Cell
-    ) -> Cell | None:
-        """The cell of the first pose at which the rectangle does not fit.
-
-        Poses in the start's cell are not checked.
+        A careful one keeps to the cells where the rectangle does not fit along a straight line,
+        and turns on the spot.
         """
-        poses = swept(points, heading)
-        poses = poses[(np.floor(poses[:, :2]) != start).any(axis=1)]
-        index = collision.first_overlap(
-            graph.occupied,
-            poses,
-            self._params.robot_length / self._resolution,
-            self._params.robot_width / self._resolution,
-        )
-        return None if index < 0 else _cell(np.floor(poses[index, :2]))
+        first, last = (np.array(in_cells(pose, graph.geometry)[:2]) for pose in (start, end))
+        ends = route.cells[0] + 0.5 if route.is_exit else first, last
+        if is_careful:
+            fits = partial(line_fits, graph, self._size)
+            points = path_points(graph, route.cost_to_go, route.cells, ends, fits)
+        else:
+            points = path_points(graph, route.cost_to_go, route.cells, ends)
+            points = round_corners(graph, points)
+        if route.is_exit:
+            points = np.vstack([first, points])
+        return sampled(points, SPACING / self._resolution)
 
     def _result(
         self,
         graph: TransitionGraph,
-        cost_to_go: CostToGo,
+        route: Route,
         points: Array,
         heading: Array,
-        start_cell: Cell,
         goal: Pose2D,
         end: Pose2D,
     ) -> Plan:
@@ -318,14 +291,10 @@ class Planner:
             climb=float(np.maximum(steps[:, 2], 0.0).sum()),
             steepest_slope=float(np.arctan(np.hypot(*gradient).max())),
             least_clearance=clearance * self._resolution if clearance < reach else math.inf,
-            cost=cost_to_go[start_cell] / STRAIGHT * self._resolution,
+            cost=route.cost * self._resolution,
             graph=graph,
-            cost_to_go=cost_to_go,
+            cost_to_go=route.cost_to_go,
         )
-
-
-def _cell(index: NDArray[np.float64] | NDArray[np.int64]) -> Cell:
-    return int(index[0]), int(index[1])
 
 
 def _without(graph: TransitionGraph, cell: Cell) -> TransitionGraph:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,11 +30,17 @@ _LEAST_TURN = math.radians(3.0)
 _SLACK = 1.005
 """Highest cost of a straight line, relative to that of the cells that it replaces."""
 
-_TURN_STEP = math.radians(10.0)
-"""Largest angle between the headings that are checked where the robot turns on the spot."""
+
+LineTest = Callable[[Array, Array], bool]
+"""Whether the robot fits along a line between two points (2,) [cells]."""
 
 
-def string_pull(graph: TransitionGraph, field: CostToGo, cells: NDArray[np.int64]) -> Array:
+def string_pull(
+    graph: TransitionGraph,
+    field: CostToGo,
+    cells: NDArray[np.int64],
+    fits: LineTest | None = None,
+) -> Array:
     """The vertices of an any-angle path along cells that costs at most 0.5 % more than they do.
 
     From each vertex the line goes to the farthest cell of the path to which it crosses only open
@@ -46,6 +53,8 @@ def string_pull(graph: TransitionGraph, field: CostToGo, cells: NDArray[np.int64
     field : CostToGo
         In which the cells are a cheapest path.
     cells : (N, 2) int64
+    fits : callable, optional
+        What lines must pass besides, unless they are transitions.
 
     Returns
     -------
@@ -57,7 +66,9 @@ def string_pull(graph: TransitionGraph, field: CostToGo, cells: NDArray[np.int64
 
     def is_as_good(first: int, last: int) -> bool:
         cost = graph.line_cost(centers[first], centers[last])
-        return cost >= 0.0 and cost <= _SLACK * (remaining[first] - remaining[last])
+        if cost < 0.0 or cost > _SLACK * (remaining[first] - remaining[last]):
+            return False
+        return fits is None or fits(centers[first], centers[last])
 
     vertices = [0]
     while vertices[-1] < len(cells) - 1:
@@ -158,28 +169,43 @@ def headings(points: Array, first: float | None, last: float | None) -> Array:
     return result
 
 
-def swept(points: Array, heading: Array) -> NDArray[np.float64]:
-    """Poses (M, 3) as y, x, heading of a robot along a path: closely spaced, with its turns.
-
-    At each point it turns on the spot, by the smaller angle, from the direction of the line
-    before to the point's heading, and then to the direction of the line after.
+def path_points(
+    graph: TransitionGraph,
+    field: CostToGo,
+    cells: NDArray[np.int64],
+    ends: tuple[Array, Array],
+    fits: LineTest | None = None,
+) -> Array:
+    """The vertices of an any-angle path along cells, from a point to a point.
 
     Parameters
     ----------
-    points : (N, 2) float64
-    heading : (N,) float64 [rad]
+    graph : TransitionGraph
+    field : CostToGo
+        In which the cells are a cheapest path.
+    cells : (N, 2) int64
+    ends : (2,) float64 and (2,) float64 [cells]
+        Points in the first and in the last cell.
+    fits : callable, optional
+        As of `string_pull`.
+
+    Returns
+    -------
+    (M, 2) float64 [cells]
     """
-    steps = np.diff(points, axis=0)
-    along = np.arctan2(steps[:, 0], steps[:, 1])
-    poses: list[tuple[float, float, float]] = []
-    for i, (y, x) in enumerate(points):
-        turns = [*along[i - 1 : i][: i > 0], heading[i], *along[i : i + 1]]
-        for before, after in itertools.pairwise(turns):
-            turn = math.remainder(after - before, 2.0 * math.pi)
-            count = math.ceil(abs(turn) / _TURN_STEP)
-            poses.extend((y, x, before + turn * k / count) for k in range(count))
-        poses.append((y, x, turns[-1]))
-        if i < len(along):
-            middle = 0.5 * (points[i] + points[i + 1])
-            poses.append((middle[0], middle[1], along[i]))
-    return np.array(poses)
+
+    def is_open(start: Array, end: Array) -> bool:
+        return graph.line_cost(start, end) >= 0.0 and (fits is None or fits(start, end))
+
+    first, last = ends
+    inner = list(string_pull(graph, field, cells, fits))
+    # The ends lie beside the centres of their cells. Where a line from there is blocked, the
+    # path leads over the centre.
+    if len(cells) == 1:
+        return np.array([first, last])
+    head = [] if is_open(first, inner[1]) else [inner[0]]
+    tail = [] if is_open(inner[-2], last) else [inner[-1]]
+    vertices = [first, *head, *inner[1:-1], *tail, last]
+    if len(vertices) == 2 and not is_open(first, last):
+        vertices = [first, inner[0], inner[-1], last]
+    return np.array(vertices)

@@ -103,7 +103,7 @@ def simulate(
     directory : Path
         Of the bag; it must not exist.
     drive : int
-        Others than 0 take another way through the same world, and err in another way.
+        Drives other than 0 take another path through the same world, with other noise.
     speed : float [m/s], optional
         Of the drive; the world's own otherwise.
     scan_rate : float [Hz]

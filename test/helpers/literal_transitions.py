@@ -99,6 +99,25 @@ def rectangle_holds(pose, size, points):
     return inside, undecided
 
 
+def squares_overlap(pose, size, cells):
+    """(N,) whether cells' squares overlap a rectangle: no axis of either separates their corners.
+
+    The pose is y, x and heading, the size length (along the heading) and width.
+    """
+    y, x, heading = pose
+    ahead = np.array([math.sin(heading), math.cos(heading)])
+    left = np.array([math.cos(heading), -math.sin(heading)])
+    signs = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)])
+    rectangle = [y, x] + signs[:, :1] * size[0] / 2 * ahead + signs[:, 1:] * size[1] / 2 * left
+    squares = cells[:, None] + 0.5 + 0.5 * signs
+    overlap = np.ones(len(cells), bool)
+    for axis in (np.array([1.0, 0.0]), np.array([0.0, 1.0]), ahead, left):
+        shadow, shadows = rectangle @ axis, squares @ axis
+        overlap &= shadows.max(axis=1) > shadow.min() + 1e-6
+        overlap &= shadows.min(axis=1) < shadow.max() - 1e-6
+    return overlap
+
+
 @dataclass
 class LiteralGround:
     """Ground of cells, addressed by (row, column)."""

@@ -1,5 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
+import functools
 import itertools
 import math
 import time
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from literal_transitions import LiteralGround, rectangle_holds
+from literal_transitions import LiteralGround, rectangle_holds, squares_overlap
 from planner_worlds import CELL, World, center, random_place, route_planner
 from properties import draws
 from scipy import ndimage
@@ -51,27 +52,50 @@ def assert_sound(plan):
     assert plan.length >= steps.sum() - 1e-6
 
 
+def driven(path):
+    """Poses along a path, with its turns on the spot in steps of 3 degrees, but for the first."""
+    steps = np.diff(path[:, :2], axis=0)
+    along = np.arctan2(*steps.T)
+    looks = path[0, 2] if len(path) == 1 else along[0]
+    for i, (y, x, heading) in enumerate(path):
+        for look in (looks, heading, *along[i : i + 1])[0 if i else 2 :]:
+            turn = math.remainder(look - looks, 2 * math.pi)
+            for share in np.linspace(0, 1, math.ceil(abs(turn) / math.radians(3)) + 1):
+                yield y, x, looks + share * turn
+            looks = look
+        if i < len(along):
+            yield (*(path[i, :2] + 0.5 * steps[i]), looks)
+
+
 def assert_drivable(plan, graph, occupied, size):
+    """Lines are open; the rectangle overlaps no cell but those at the start, which it leaves."""
     literal = LiteralGround.of(graph)
     path = in_cells(plan.poses)
-    cells = np.floor(path[:, :2]).astype(int)
     for p, q in pairwise(path[:, :2]):
         assert literal.line_is_open(p, q)
-    centers = np.argwhere(occupied) + 0.5
+    cells = np.argwhere(occupied)
     size = size[0] / CELL, size[1] / CELL
-    start = cells[0]
-    steps = np.diff(path[:, :2], axis=0)
-    between = np.column_stack([path[:-1, :2] + 0.5 * steps, np.arctan2(*steps.T)])
-    for pose in np.concatenate([path, between]):
-        if (np.floor(pose[:2]) == start).all():  # there the robot stands as it does
-            continue
-        near = centers[(np.abs(centers - pose[:2]) <= sum(size)).all(axis=1)]
-        inside, undecided = rectangle_holds(pose, size, near)
-        assert not (inside & ~undecided).any()
+    is_left, before = None, 0.0
+    for pose in driven(path):
+        near = cells[(np.abs(cells + 0.5 - pose[:2]) <= sum(size)).all(axis=1)]
+        under = {(int(iy), int(ix)) for iy, ix in near[squares_overlap(pose, size, near)]}
+        is_left = under if is_left is None else is_left
+        assert under <= is_left
+        if not under:
+            is_left = set()
+        if is_left:
+            away = min(squared_distance(cell, pose) for cell in is_left)
+            assert away >= before - 1e-6
+            before = away
+
+
+def squared_distance(cell, pose):
+    """From a cell's square to a pose [cells]."""
+    return sum(max(abs(c + 0.5 - p) - 0.5, 0.0) ** 2 for c, p in zip(cell, pose[:2], strict=True))
 
 
 @given(SEEDS)
-@draws(200)
+@draws(400)
 def test_random_maps_with_a_robot_that_fits_wherever_its_disc_does(seed):
     rng = np.random.default_rng(seed)
     world = World.random(rng)
@@ -122,7 +146,7 @@ def test_random_maps_with_a_robot_longer_than_its_disc(seed):
 
 
 @given(SEEDS)
-@draws(200)
+@draws(150)
 def test_random_maps_with_the_robot_anywhere(seed):
     rng = np.random.default_rng(seed)
     world = World.random(rng)
@@ -377,3 +401,66 @@ def test_noise_under_the_nose_of_a_robot_whose_disc_is_free():
     )  # fmt: skip
     start, goal = center((20, 20), 0.0), center((20, 50))
     assert planner.plan(start, goal, is_robot_there=True).status is Status.NONE
+
+
+ROOMS = (0.005, 0.01, 0.02, 0.05)
+
+
+WALL = 24  # column
+
+
+@functools.cache
+def walled_planner(rows):
+    """Of a robot of 0.78 m x 0.64 m beside a long wall of some columns."""
+    height = np.zeros((64, 48), np.int16)
+    height[:, WALL : WALL + rows] = 150
+    return route_planner(height, unknown="cost", robot_length=0.78, robot_width=0.64)
+
+
+def beside_a_wall(offset, room, yaw):
+    """A start beside the wall, which begins somewhere within its cell."""
+    reach = 0.5 * (0.78 * abs(math.cos(yaw)) + 0.64 * abs(math.sin(yaw)))
+    return Pose2D((WALL + offset[1]) * CELL - room - reach, (32 + offset[0]) * CELL, yaw)
+
+
+@pytest.mark.parametrize("rows", [1, 3])
+@pytest.mark.parametrize("room", ROOMS)
+@pytest.mark.parametrize("degrees", [90, 75, 180, 45])
+def test_a_robot_close_beside_a_wall_leaves_and_never_through_it(rows, room, degrees):
+    """At 25 places within a cell, to goals away from the wall, along it, and behind it."""
+    for offset in itertools.product(np.linspace(0.02, 0.98, 5), repeat=2):
+        planner, wall = walled_planner(rows), (WALL + 0.5) * CELL
+        start = beside_a_wall(offset, room, math.radians(degrees))
+        for goal in (Pose2D(1.0, 4.0), Pose2D(1.8, 7.0, 1.0)):
+            plan = planner.plan(start, goal, is_robot_there=True)
+            assert plan.found, plan.reason
+            assert_ends_as_asked(plan, start, goal)
+            x = plan.poses[:, 0, 3]
+            free = int((x < wall - 0.5).argmax())
+            assert x[free] < wall - 0.5
+            assert (np.diff(x[: free + 1]) <= 1e-9).all()  # only away from the wall
+            assert (x[free:] < wall - 0.4).all()
+        behind = planner.plan(start, Pose2D(5.0, 4.0), is_robot_there=True)
+        assert behind.status is Status.NO_VALID_PATH
+
+
+def test_a_robot_in_a_dead_end_is_told_that_it_is_the_start():
+    """Walls on three sides, and one close in front: no line leads away from all of them."""
+    height = np.zeros((48, 48), np.int16)
+    height[20, 18:30] = height[26, 18:30] = height[20:27, 18] = height[20:27, 30] = 150
+    planner = route_planner(height, unknown="cost")
+    plan = planner.plan(center((23, 24), 0.0), center((40, 40)), is_robot_there=True)
+    assert plan.status is Status.START_OCCUPIED
+    assert plan.reason.startswith("the start is 0.38 m from an obstacle")
+
+
+def test_a_robot_does_not_turn_into_a_wall_where_it_can_drive_on():
+    """In a corridor in which it fits but cannot turn, it drives out and around."""
+    height = np.zeros((48, 64), np.int16)
+    height[14, 20:40] = height[20, 20:40] = 150  # 0.625 m wide
+    planner = route_planner(height, radius=0.37, unknown="cost", robot_length=0.7, robot_width=0.4)
+    plan = planner.plan(center((17, 34), 0.0), center((17, 12)), is_robot_there=True)
+    assert plan.found
+    assert_drivable(plan, plan.graph, height > 0, (0.7, 0.4))
+    assert plan.length > 5.0
+    assert abs(in_cells(plan.poses)[:10, 2]).max() < 0.1

@@ -7,18 +7,16 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from literal_transitions import LiteralGround, rectangle_holds, steps_closed
+from literal_transitions import LiteralGround, steps_closed
 from properties import draws
 from small_terrain import SEEDS, drawn, graph, random_cells, random_graph
 
-from heightmap25d_ros.planning.collision import first_overlap, least_clearance
 from heightmap25d_ros.planning.search import UNREACHABLE, cost_to_go
 from heightmap25d_ros.planning.smoothing import (
     headings,
     round_corners,
     sampled,
     string_pull,
-    swept,
 )
 
 MOST = draws(200)
@@ -210,90 +208,6 @@ def test_headings_look_along_the_line_that_follows():
     assert headings(points[:1], None, None).tolist() == [0.0]
     assert headings(points[:1], 1.0, None).tolist() == [1.0]
     assert headings(points[:1], 1.0, 2.0).tolist() == [2.0]
-
-
-@given(SEEDS)
-def test_swept_poses_leave_no_gap_in_place_or_heading(seed):
-    rng = np.random.default_rng(seed)
-    points = np.cumsum(rng.uniform(-0.8, 0.8, (rng.integers(1, 9), 2)), axis=0) + 20
-    heading = headings(points, rng.uniform(-9, 9), rng.uniform(-9, 9))
-    poses = swept(points, heading)
-    np.testing.assert_allclose(poses[0, :2], points[0])
-    np.testing.assert_allclose(poses[-1, :2], points[-1])
-    longest = max(np.hypot(*np.diff(points, axis=0).T), default=0.0)
-    assert np.hypot(*np.diff(poses[:, :2], axis=0).T).max(initial=0.0) <= longest / 2 + 1e-9
-    turns = [math.remainder(turn, 2 * math.pi) for turn in np.diff(poses[:, 2])]
-    assert max(map(abs, turns), default=0.0) <= math.radians(10) + 1e-9
-    # It turns on the spot only, and drives where it looks.
-    for before, after in pairwise(poses):
-        step = after[:2] - before[:2]
-        if np.hypot(*step) > 1e-6:
-            for look in (before[2], after[2]):
-                assert abs(math.remainder(math.atan2(*step) - look, 2 * math.pi)) < 1e-5
-    # It looks at every point where it was told to.
-    for point, look in zip(points, heading, strict=True):
-        there = poses[np.hypot(*(poses[:, :2] - point).T) < 1e-9, 2]
-        assert min(abs(math.remainder(p - look, 2 * math.pi)) for p in there) < 1e-9
-
-
-def test_a_turn_on_the_spot_goes_the_shorter_way():
-    points = np.array([[0.0, 0.0], [0.0, 1.0]])
-    poses = swept(points, np.array([math.radians(-170), math.radians(170)]))
-    at_start = np.degrees(poses[(poses[:, 1] == 0.0), 2])
-    assert at_start.min() >= -170 - 1e-9
-    assert at_start.max() <= 1e-9
-    at_end = np.degrees(poses[(poses[:, 1] == 1.0), 2])
-    assert at_end.min() >= -1e-9
-    assert at_end.max() <= 170 + 1e-9
-
-
-@given(SEEDS)
-@MOST
-def test_overlaps_by_half_planes(seed):
-    rng = np.random.default_rng(seed)
-    shape = rng.integers(1, 25, 2)
-    solid = rng.random(shape) < rng.choice([0.003, 0.02, 0.1])
-    size = tuple(rng.uniform(0.5, 9.0, 2))
-    poses = np.column_stack(
-        [
-            rng.uniform(-3, shape[0] + 3, 12),
-            rng.uniform(-3, shape[1] + 3, 12),
-            rng.uniform(-9, 9, 12),
-        ]
-    )
-    centers = np.argwhere(solid) + 0.5
-    expected = -1
-    for i, pose in enumerate(poses):
-        inside, undecided = rectangle_holds(pose, size, centers)
-        assert not undecided.any()
-        if inside.any():
-            expected = i
-            break
-    assert first_overlap(solid, poses, *size) == expected
-
-
-def test_the_rectangle_is_long_where_it_looks():
-    solid = np.zeros((11, 11), bool)
-    solid[5, 8] = True
-    size = (7.0, 1.0)
-    along_x, along_y = np.array([[5.5, 5.5, 0.0]]), np.array([[5.5, 5.5, math.pi / 2]])
-    assert first_overlap(solid, along_x, *size) == 0
-    assert first_overlap(solid, along_y, *size) == -1
-    assert first_overlap(solid.T, along_x, *size) == -1
-    assert first_overlap(solid.T, along_y, *size) == 0
-    assert first_overlap(solid, np.concatenate([along_y, along_y, along_x]), *size) == 2
-    assert first_overlap(solid, np.empty((0, 3)), *size) == -1
-
-
-@given(SEEDS, st.sampled_from([0.5, 3.0, 40.0]))
-def test_the_least_clearance_by_all_distances(seed, reach):
-    rng = np.random.default_rng(seed)
-    shape = rng.integers(1, 25, 2)
-    solid = rng.random(shape) < rng.choice([0.0, 0.01, 0.1])
-    points = rng.uniform(0, shape, (7, 2))
-    away = np.hypot(*(points[:, None] - (np.argwhere(solid) + 0.5)).T)
-    expected = min(away.min(initial=np.inf), reach)
-    assert least_clearance(solid, points, reach) == pytest.approx(expected, rel=1e-12)
 
 
 def test_a_curve_that_touches_the_corner_of_a_closed_cell():
