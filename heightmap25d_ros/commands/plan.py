@@ -21,8 +21,9 @@ from heightmap25d_ros.commands.common import (
 from heightmap25d_ros.evaluation.path_drivability import evaluate_path
 from heightmap25d_ros.evaluation.truth import read_ground
 from heightmap25d_ros.io import map_directory, trajectory
-from heightmap25d_ros.pipelines.planning import Planning, compile_kernels
+from heightmap25d_ros.pipelines.planning import Planning
 from heightmap25d_ros.planning.plan import Plan, Pose2D
+from heightmap25d_ros.planning.planner import compile_kernels
 from heightmap25d_ros.viz import plan_figure
 
 PLAN_TUM, PLAN_PNG = "plan.tum", "plan.png"
@@ -62,7 +63,7 @@ def _plan(options: argparse.Namespace) -> Figures:
     require_map(options.map)
     check_output(options.output)
     height_map = map_directory.load(options.map, settings.mapper.probability_threshold).height_map
-    compile_kernels(settings)  # not what is timed
+    compile_kernels()  # not what is timed
     planning = Planning(settings)
     planning.set_map(height_map)
     plan = planning.plan_between(options.start, options.goal)

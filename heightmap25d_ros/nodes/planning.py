@@ -18,8 +18,9 @@ from heightmap25d_ros.nodes import qos, runtime
 from heightmap25d_ros.nodes.interface import Input, Output, Service
 from heightmap25d_ros.nodes.lifecycle import ManagedNode
 from heightmap25d_ros.pipelines.drops import Drops
-from heightmap25d_ros.pipelines.planning import Planning, compile_kernels
+from heightmap25d_ros.pipelines.planning import Planning
 from heightmap25d_ros.planning.plan import Plan
+from heightmap25d_ros.planning.planner import compile_kernels
 from heightmap25d_ros.viz import markers
 
 _FIELD_PERIOD = 1.0  # [s] between two fields at the least
@@ -60,7 +61,7 @@ class PlanningNode(ManagedNode):
         self._planning = Planning(self.params)
         self._plan: Plan | None = None
         self._unshown: Plan | None = None  # whose field has not been published
-        compile_kernels(self.params)
+        compile_kernels()
 
     def start(self) -> None:
         """Publish the field now and then."""

@@ -13,7 +13,7 @@ import numpy as np
 from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.grid.height_map import Geometry, HeightMap
+from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.io import decode
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.drops import Drops
@@ -30,24 +30,6 @@ LEAST_GAIN = 0.5
 
 AHEAD = 1.0
 """The best direction is that to the point so far along the cheapest path [m]."""
-
-
-def compile_kernels(params: Params) -> None:
-    """Compile, or load from numba's cache, all that the first goal needs."""
-    shape = (32, 32)
-    flat = HeightMap(
-        geometry=Geometry(resolution=params.grid.resolution, origin=(0.0, 0.0), shape=shape),
-        height=np.zeros(shape, np.int16),
-        probability=np.full(shape, 65535, np.uint16),
-        probability_threshold=0.5,
-    )
-    terrain, free = params.traversability, replace(params.planner, unknown="cost", timeout=600.0)
-    planner = Planner(transition_graph(flat, terrain, free), terrain, free)
-    start, goal = (
-        Pose2D(x=x, y=x, yaw=0.0) for x in np.array((5.1, 20.2)) * params.grid.resolution
-    )
-    for is_field_wanted in (False, True):
-        planner.plan(start, goal, is_robot_there=True, is_field_wanted=is_field_wanted)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -12,7 +12,7 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from itertools import pairwise
 
 import numpy as np
@@ -139,6 +139,7 @@ class Planner:
             If a pose is not one.
         """
         start, goal = as_pose("start", start), as_pose("goal", goal)
+        compile_kernels()  # not in the time of the plan
         began = time.monotonic()
         try:
             plan = self._plan(start, goal, is_robot_there, is_field_wanted, began)
@@ -300,3 +301,14 @@ class Planner:
 def _without(graph: TransitionGraph, cell: Cell) -> TransitionGraph:
     """The graph with one cell closed."""
     return graph.with_part(Area(*cell, 1, 1), enterable=np.zeros((1, 1), np.bool_))
+
+
+@cache
+def compile_kernels() -> None:
+    """Compile, or load from numba's cache, all that a plan needs."""
+    planner = Planner.from_height_map(
+        HeightMap.from_metres(np.zeros((32, 32))), params=PlannerParams(timeout=600.0)
+    )
+    start, goal = Pose2D(1.0, 1.0, yaw=0.0), Pose2D(3.0, 2.0, yaw=0.0)
+    for is_field_wanted in (False, True):
+        planner._plan(start, goal, True, is_field_wanted, time.monotonic())
