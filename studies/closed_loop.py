@@ -267,7 +267,7 @@ def summary(run: Run) -> dict[str, float | int | str | None]:
     known, wheels = (error_of(told, run.driven) for told in (run.known, run.odometry))
     return {
         "arrived": run.has_arrived,
-        "status of the last plan": run.status.reason or "NONE" if run.status else "no plan",
+        "status of the last plan": (run.status.reason or "found") if run.status else "no plan",
         "goals reached": len(run.arrived_at),
         "time from the first goal to the last arrival [s]": round(
             (run.arrived_at or [run.seconds])[-1] - run.sent_at[0], 1

@@ -38,7 +38,7 @@ def make_node():
 
 def test_an_old_name_sets_the_parameter_is_logged_and_is_not_declared(make_node, capfd):
     node = make_node({OLD: 1.5, "grid.resolution": 0.25})
-    params = declare_params(node)
+    params = declare_params(node, ("short_term", "grid"))
     assert (params.short_term.mature_distance, params.grid.resolution) == (1.5, 0.25)
     assert node.get_parameter(NEW).value == 1.5
     assert not node.has_parameter(OLD)
@@ -50,4 +50,4 @@ def test_an_old_name_sets_the_parameter_is_logged_and_is_not_declared(make_node,
 
 def test_both_names_at_once_are_refused(make_node):
     with pytest.raises(InputError, match="as well"):
-        declare_params(make_node({OLD: 1.5, NEW: 1.0}))
+        declare_params(make_node({OLD: 1.5, NEW: 1.0}), ("short_term",))
