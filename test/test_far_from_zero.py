@@ -24,6 +24,8 @@ from heightmap25d_ros.pipelines.planning import Planning
 from heightmap25d_ros.pipelines.replay import feed
 from heightmap25d_ros.planning.plan import Pose2D
 
+pytestmark = pytest.mark.slow  # whole drives
+
 OFFSET = np.array([500_000.0, 4_500_000.0, 2500.0])
 SCANS = ["/scan", "/scan_down"]
 PARAMS = with_values(Params(), {"intake.scan_topics": SCANS})

@@ -6,4 +6,8 @@
 long-term map (a `surface`) by the score of `matching`, `global_search` does so without a prior,
 and `pose_filter` combines registrations and odometry. `tracker` runs all of it, and
 `tracking_state` is its state; `paper_registration` is the paper's method.
+
+`scan_filter` updates the pose by single scans: returns of the last moment (`scan_window`) are
+matched (`scan_update`) with the walls and the ground of the long-term map (`layers`, `landmarks`,
+`wall_lines`, `ground_planes`), and `scan_proposal` asks short-term maps where scans do not suffice.
 """

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Messages in, results out, with state over time.
 
-What a node and a command both drive. `scan_queue` joins scans with poses and mounts
-(`transform_buffer`); `mapping`, `planning` and `localization` feed what it releases to the
-algorithms; `replay` feeds a bag, and `from_bag` does so in one call. `message_intake` decodes.
-Import from these modules.
+What a node and a command both drive. `scan_queue` joins scans with poses (`odometry_gate`,
+`map_correction`) and mounts (`transform_buffer`); `mapping`, `planning` and `localization` feed
+what it releases to the algorithms; `replay` feeds a bag, and `from_bag` does so in one call.
+`drops` decodes messages and counts those that are not used; `input_watch` and `self_check` find
+out what is missing.
 """

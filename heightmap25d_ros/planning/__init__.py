@@ -2,7 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """From terrain and a goal to a path, or the reason why there is none.
 
-`graph` holds the cells that the robot may enter and the cost of each transition, `search` computes
-the cost to go, `smoothing` makes an any-angle path of it, and `collision` checks the robot's
-rectangle along the path. `planner` runs all of it; `plan` are its data types.
+`graph` holds the cells that the robot may enter and the cost of each transition
+(`transition_costs`), `start_clearing` frees the ground under the robot, `search` computes the cost
+to go and `route` the cheapest cells, `smoothing` makes an any-angle path of them, `collision` and
+`rectangle_check` check the robot's rectangle along the path, and `surface_poses` puts it on the
+ground. `refusals` are the reasons why there is no path. `planner` runs all of it; `plan` are its
+data types.
 """

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figures and 3-D views.
 
-Figures of maps, plans and localization with matplotlib; meshes and arrows for RViz; a scene for
-rerun.
+`map_figures`, `plan_figure` and `localization_figures` draw with matplotlib; `block_mesh`,
+`markers` and `marker_cdr` make blocks and arrows for RViz; `rerun_scene` is a scene for rerun.
+`palette` has the colours of all of them, and `walls` finds walls of which no foot was seen.
 """

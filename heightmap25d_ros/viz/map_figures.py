@@ -52,7 +52,7 @@ def height_map(path: Path | str, shown: HeightMap, trajectory: Trajectory | None
 
     Examples
     --------
-    >>> height_map("heights.png", HeightMap.from_metres(np.eye(8)))  # doctest: +SKIP
+    >>> height_map("heights.png", HeightMap.from_metres(np.eye(8)))
     """
     figure, axes = heights_from_above(shown)
     lines = _draw_trajectory(axes, trajectory)

@@ -151,6 +151,7 @@ def planar(message):
     return message
 
 
+@pytest.mark.slow
 def test_nothing_is_left_of_what_moved_before_a_level_laser():
     """`moving_1` by its level laser alone, with planar poses."""
     mapping = Mapping(with_values(Params(), {"intake.scan_topics": ["/scan"]}))

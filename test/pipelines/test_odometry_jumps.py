@@ -42,6 +42,7 @@ def undisturbed(half):
     return score(STUDY.disturbances(half)["undisturbed"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in STUDY.disturbances(0.0) if name[0] != "u"])
 def test_a_jump_costs_no_more_than_the_scans_around_it(half, undisturbed, name):
     f1, outside, scans = score(STUDY.disturbances(half)[name])
