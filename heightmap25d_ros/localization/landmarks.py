@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from heightmap25d_ros.arrays import Array
-from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, HeightMap
+from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.localization.ground_planes import fit_planes
 from heightmap25d_ros.localization.layers import LayerMap
+from heightmap25d_ros.localization.surface import NEAR
 from heightmap25d_ros.localization.wall_lines import fit_lines
 
 ELEVATED = 0.12
@@ -35,6 +36,9 @@ class Landmarks:
     ----------
     lowest : (rows, columns) float32 [m]
         The lowest ground within two cells.
+    is_near : (rows, columns) bool
+        Whether a known cell is at most `surface.NEAR` cells away. The map can tell nothing of what
+        lies farther out: lasers may see beyond it.
     wall_of, plane_of : (rows, columns) int32
         Row of a cell in the tables; -1: none.
     walls : (K, 9) float64
@@ -48,6 +52,7 @@ class Landmarks:
     """
 
     lowest: NDArray[np.float32]
+    is_near: NDArray[np.bool_]
     wall_of: NDArray[np.int32]
     plane_of: NDArray[np.int32]
     walls: Array
@@ -59,7 +64,7 @@ class Landmarks:
         """All of it, as the kernels take it."""
         return (
             self.lowest, self.wall_of, self.plane_of, self.walls, self.planes,
-            self.origin[0], self.origin[1], 1.0 / self.resolution,
+            self.origin[0], self.origin[1], 1.0 / self.resolution, self.is_near,
         )  # fmt: skip
 
 
@@ -72,7 +77,7 @@ def landmarks_of(height_map: HeightMap, layers: LayerMap) -> Landmarks:
     height = np.where(is_low, layers.ground_height, _UNKNOWN).astype(np.float32)
     lowest = ndimage.minimum_filter(height, _AROUND, mode="nearest")
     is_above = is_standing | (is_low & (height > lowest + ELEVATED))
-    tops = height_map.height * np.float32(HEIGHT_RESOLUTION)
+    tops = height_map.metres
     count, places = _elevated_places(layers, is_above)
     is_high = is_standing | (tops > lowest + ELEVATED)
     is_wall = (count >= _LEAST_RETURNS) & height_map.known & is_high
@@ -90,6 +95,7 @@ def landmarks_of(height_map: HeightMap, layers: LayerMap) -> Landmarks:
     is_smooth = planes[:, 3] <= _MOST_ROUGHNESS
     return Landmarks(
         lowest=lowest,
+        is_near=ndimage.maximum_filter(height_map.known, 2 * NEAR + 1, mode="constant"),
         wall_of=_indexed(geometry.shape, cells),
         plane_of=_indexed(geometry.shape, plane_cells[is_smooth]),
         walls=np.ascontiguousarray(walls),

@@ -165,7 +165,7 @@ class ScanFilter:
         found = update_by_returns(
             np.ascontiguousarray(seen), np.ascontiguousarray(position), precision, landmarks, params
         )
-        reason = self._judged(found, len(returns))
+        reason = self._judged(found)
         if reason in (Reason.ACCEPTED, Reason.UNOBSERVED):
             self._correct(found.error[_POSE], found.information, precision, T_odom_base)
         return Registration(
@@ -173,7 +173,7 @@ class ScanFilter:
             offset=found.error[[_X, _Y, _YAW]],
             z=float(found.error[_Z]),
             information=found.information[_PLANAR],
-            overlap=found.over_known / len(returns),
+            overlap=found.over_known / max(found.near_known, 1),
             residual=found.residual,
             ratio=0.0,
             points=len(returns),
@@ -216,9 +216,11 @@ class ScanFilter:
         x, y, yaw = registration.offset
         return was_settling and np.hypot(x, y) < _SAME_PLACE and abs(yaw) < _SAME_YAW
 
-    def _judged(self, found: Update, count: int) -> Reason:
+    def _judged(self, found: Update) -> Reason:
         params = self._params
-        if found.over_known < params.registration.min_overlap * count:
+        # A laser that sees farther than the map reaches is no sign of a wrong place.
+        least = params.registration.min_overlap * found.near_known
+        if found.over_known < max(least, params.scan_filter.min_returns):
             return Reason.LITTLE_OVERLAP
         if found.residual > _MOST_RESIDUAL:
             return Reason.HIGH_RESIDUAL

@@ -49,6 +49,8 @@ class Update(NamedTuple):
         To be added to x, y, yaw, z, roll and pitch of the prior, all along the axes of the map.
     information : (4, 4) float64
         Of x, y, yaw, z; the prior's is not in it.
+    near_known : int
+        Returns at places that the map covers (`Landmarks.is_near`).
     over_known : int
         Returns of which the map can tell whether they agree.
     agreeing : int
@@ -59,6 +61,7 @@ class Update(NamedTuple):
 
     error: Array
     information: Array
+    near_known: int
     over_known: int
     agreeing: int
     residual: float
@@ -90,10 +93,10 @@ def update_by_returns(
         params.wall_noise**2, params.ground_noise**2, 1.0 / params.tilt_noise**2,
         1.0 / params.returns_per_information, params.noise_weight, params.noise_caution,
     )  # fmt: skip
-    known, agreeing, residual = _update(
+    counts = _update(
         returns, position, covariance, precision, landmarks.arrays(), settings, error, information
     )
-    return Update(error, information, known, agreeing, residual)
+    return Update(error, information, *counts)
 
 
 @kernel
@@ -295,10 +298,15 @@ def _discounted(information, gradient, fake, weight, caution):
 
 @inlined_kernel
 def _agreement(at, codes, position, cells):
-    """Returns over known ground, those that agree with the map, their mean distance [m]."""
-    known = agreeing = 0
+    """The counts of `Update`, and the mean distance [m]."""
+    corner_x, corner_y, per_metre, is_near = cells[5], cells[6], cells[7], cells[8]
+    rows, columns = is_near.shape
+    near = known = agreeing = 0
     total = 0.0
     for i in range(len(codes)):
+        u = (position[0] + at[i, 0] - corner_x) * per_metre
+        v = (position[1] + at[i, 1] - corner_y) * per_metre
+        near += 0.0 <= u < columns and 0.0 <= v < rows and is_near[int(v), int(u)]
         if codes[i] == _NOTHING:
             continue
         known += 1
@@ -307,7 +315,7 @@ def _agreement(at, codes, position, cells):
             distance = abs(_distance(codes[i], at[i], position, cells))
         agreeing += distance < _FIT
         total += min(distance, _FIT)
-    return known, agreeing, total / max(known, 1)
+    return near, known, agreeing, total / max(known, 1)
 
 
 @inlined_kernel
@@ -324,7 +332,8 @@ def compile_kernels(params: ScanFilterParams) -> None:
     """Compile, or load from numba's cache."""
     blank: Any = np.full((8, 8), -1, np.int32)
     landmarks = Landmarks(
-        lowest=np.zeros((8, 8), np.float32), wall_of=blank, plane_of=blank,
+        lowest=np.zeros((8, 8), np.float32), is_near=np.ones((8, 8), bool), wall_of=blank,
+        plane_of=blank,
         walls=np.zeros((1, 9)), planes=np.zeros((1, 5)), origin=(0.0, 0.0), resolution=1.0,
     )  # fmt: skip
     update_by_returns(np.zeros((1, 3)), np.zeros(3), np.eye(4), landmarks, params)
