@@ -20,6 +20,7 @@
 #define ENDLESS 0x1p57
 #define HEIGHT_STEP 1.0
 #define LEVEL 0.25
+#define END 1.0
 #define GOLDEN 2654435761
 #define PROBES 16
 
@@ -193,7 +194,7 @@ static inline int is_contradicted(Cell cell, double beam_height, const Rule *rul
 
 static inline int clear_tile(const Grid *grid, int64_t tile, int64_t start, int64_t stop, Axis x,
                              Axis y, double z, double fall, double distance, double metres,
-                             Judged judged, const Likelihoods *model, const Rule *rule) {
+                             double lacking, double end, Judged judged, const Likelihoods *model, const Rule *rule) {
   int is_lost = 0;
   double half_fall = 0.5 * fall;
   double ix = floor(x.origin + (double)(start + FEW) * x.cells);
@@ -204,11 +205,12 @@ static inline int clear_tile(const Grid *grid, int64_t tile, int64_t start, int6
   int64_t index = tile * CELLS + ((int64_t)iy & (TILE - 1)) * TILE + ((int64_t)ix & (TILE - 1));
   while (entered < stop - FEW) {
     int64_t left = min_i(exit_x, exit_y);
+    double middle = 0.5 * (double)(entered + left);
     double beam_height = z - (double)(entered + left) * half_fall;
+    if (distance + middle * metres > end) beam_height += lacking;
     if ((grid->heights[index] >= beam_height || grid->candidates[index] > 0) &&
         left - entered > FEW) {
       Cell before = cell_of(grid, index);
-      double middle = 0.5 * (double)(entered + left);
       if (is_contradicted(before, beam_height, rule) &&
           (!rule->candidate || may_judge(index, middle, x, y, judged, rule))) {
         Cell after = miss(before, beam_height, distance + middle * metres, model, rule);
@@ -252,7 +254,8 @@ static inline void clear(const Grid *grid, const double *origin, const double *e
   int64_t first = min_i(exit_of(floor(upper[0]), 1, x), exit_of(floor(upper[1]), 1, y));
   int64_t last = max_i(entry_of(floor(lower[0]), x), entry_of(floor(lower[1]), y)) - FEW;
   double fall = upper[2] - lower[2];
-  double z = upper[2] + margin(fall, rule);
+  double applied = margin(fall, rule), z = upper[2] + applied;
+  double lacking = rule->clearing_margin - applied;
   double ticks_per_cm = TICKS / max_d(fall, LEVEL), biased_z = z + TOP_BIAS;
   int64_t tx = (int64_t)upper[0] / TILE, ty = (int64_t)upper[1] / TILE;
   int64_t tile = ty * grid->tile_columns + tx;
@@ -264,7 +267,8 @@ static inline void clear(const Grid *grid, const double *origin, const double *e
     int64_t meets = (int64_t)((biased_z - grid->tile_top[tile]) * ticks_per_cm);
     if (meets < stop) {
       int64_t start = max_i(max_i(first, meets), max_i(exit_x - across_x, exit_y - across_y));
-      if (clear_tile(grid, tile, start, stop, x, y, z, fall / TICKS, distance, metres, judged,
+      if (clear_tile(grid, tile, start, stop, x, y, z, fall / TICKS, distance, metres, lacking,
+                     length - END, judged,
                      model, rule)) {
         if (!grid->tile_changed[tile]) {
           grid->tile_changed[tile] = 1;

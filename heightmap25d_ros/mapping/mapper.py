@@ -37,6 +37,7 @@ _TICKS = 2.0**40  # along a beam from end to end, however long it is
 _FEW = 1024  # [ticks] of tolerance: a cell that a beam crosses for less is only touched
 _ENDLESS = 2.0**57  # [ticks per cell] of a beam that does not leave it along an axis
 _HEIGHT_STEP = 1.0  # [cm] of the stored heights
+_END = 1.0  # [m] before its end, where the whole margin counts for every beam
 _LEVEL = 0.25  # [cm] least fall of a beam that is assumed when tiles are skipped
 _GOLDEN = 2654435761  # Knuth's multiplicative hashing, for a hash set of cells
 _PROBES = 16  # slots of the set that are probed
@@ -263,7 +264,8 @@ def _clear(  # noqa: PLR0913
     first = min(_exit(int(upper[0]), 1, x), _exit(int(upper[1]), 1, y))
     last = max(_entry(int(lower[0]), x), _entry(int(lower[1]), y)) - _FEW
     fall = upper[2] - lower[2]
-    z = upper[2] + _margin(fall, rule)
+    margin = _margin(fall, rule)
+    z, lacking = upper[2] + margin, rule.clearing_margin - margin
     ticks_per_cm = _TICKS / max(fall, _LEVEL)
     biased_z = z + TOP_BIAS
     tx, ty = int(upper[0]) // TILE, int(upper[1]) // TILE
@@ -278,7 +280,7 @@ def _clear(  # noqa: PLR0913
         meets = int((biased_z - tile_top[tile]) * ticks_per_cm)
         if meets < stop and _clear_tile(
             tile, max(first, meets, exit_x - across_x, exit_y - across_y), stop, x, y,
-            z, fall / _TICKS, distance, metres,
+            z, fall / _TICKS, distance, metres, lacking, length - _END,
             heights, probabilities, candidate_heights, candidates, judged, model, rule,
         ):  # fmt: skip
             if tile_changed[tile] == 0:
@@ -301,7 +303,8 @@ def _margin(fall, rule):
 
     The whole margin where a beam meets the ground, on which it would otherwise graze its own end.
     A level beam passes exactly at the height of what it has hit before: it contradicts that too,
-    within a step of the stored heights.
+    within a step of the stored heights. Not on its last metre (`_END`): the ground may rise to
+    where it ended, as a ramp does, and errors of the pose put a beam below it.
     """
     if fall >= rule.clearing_fall:
         return rule.clearing_margin
@@ -311,12 +314,13 @@ def _margin(fall, rule):
 
 @inlined_kernel
 def _clear_tile(  # noqa: PLR0913
-    tile, start, stop, x, y, z, fall, distance, metres,
+    tile, start, stop, x, y, z, fall, distance, metres, lacking, end,
     heights, probabilities, candidate_heights, candidates, judged, model, rule,
 ):  # fmt: skip
     """Lower the probability of heights that the beam contradicts; true if a cell became unknown.
 
-    ``fall`` [cm] and ``metres``, which start from ``z`` and ``distance``, are per tick.
+    ``fall`` [cm] and ``metres``, which start from ``z`` and ``distance``, are per tick. From a
+    distance ``end`` on the beam is higher by what is ``lacking`` from the whole margin [cm].
     """
     is_lost = False
     half_fall = 0.5 * fall
@@ -328,12 +332,14 @@ def _clear_tile(  # noqa: PLR0913
     index = np.int64(tile) * _TILE_CELLS + int(iy) % TILE * TILE + int(ix) % TILE
     while entered < stop - _FEW:
         left = min(exit_x, exit_y)
+        middle = 0.5 * (entered + left)
         beam_height = z - (entered + left) * half_fall
+        if distance + middle * metres > end:
+            beam_height += lacking
         cell = np.uint64(index)
         is_met = heights[cell] >= beam_height or candidates[cell] > 0
         if is_met and left - entered > _FEW:
             before = _content(cell, heights, probabilities, candidate_heights, candidates)
-            middle = 0.5 * (entered + left)
             if _is_contradicted(before, beam_height, rule) and (
                 not rule.candidate or _may_judge(index, middle, x, y, judged, rule)
             ):

@@ -88,7 +88,7 @@ class LiteralMap:
                 if self.rule.update_rule == "paper":
                     self.passed(self.cells[index], height, t * length)
                     continue
-                height += self.margin(origin, end)
+                height += self.margin(origin, end, (1 - t) * length)
                 if self.stands_in(self.cells[index], height) and self.is_central(
                     index, origin, end
                 ):
@@ -98,12 +98,13 @@ class LiteralMap:
         if is_hit:
             self.hit(self.cells.setdefault(last, Cell()), math.floor(100 * end[2] + 0.5), length)
 
-    def margin(self, origin, end) -> float:
+    def margin(self, origin, end, to_end: float) -> float:
         """[cm] by which a height must exceed that of the beam: all of it for a beam that falls or
-        rises enough, and one centimetre less than nothing for a level one; between, in proportion.
+        rises enough, or on its last metre, and one centimetre less than nothing for a level one;
+        between, in proportion.
         """
         fall = abs(end[2] - origin[2])
-        if fall >= self.rule.clearing_fall:
+        if fall >= self.rule.clearing_fall or to_end < 1.0:
             return 100 * self.rule.clearing_margin
         steepness = fall / self.rule.clearing_fall
         return steepness * 100 * self.rule.clearing_margin - (1 - steepness)

@@ -78,7 +78,7 @@ def test_the_margin_grows_with_the_fall_of_the_beam(fall, lowest_cleared):
         x, y = 2.0625, 0.0625
         m.integrate(one_beam((x, y, 3.0), (x, y, 1.0 + 0.01 * above)))
         before = m.grid.probability.read(m.grid.observed_area()).max()
-        m.integrate(one_beam((x - 1.0, y, 1.0 + fall / 2), (x + 1.0, y, 1.0 - fall / 2)))
+        m.integrate(one_beam((x - 1.5, y, 1.0 + fall / 2), (x + 1.5, y, 1.0 - fall / 2)))
         iy, ix = m.grid.geometry.cell_at((x, y))
         after = m.grid.probability.read(Area(int(iy), int(ix), 1, 1))[0, 0]
         assert (after < before) == (above >= lowest_cleared), above
