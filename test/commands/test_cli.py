@@ -62,6 +62,7 @@ def test_the_map_of_the_ramp_against_its_truth(capsys, ramp_map):
     assert figures["blocked_transitions"]["recall"] > 0.98
 
 
+@pytest.mark.slow
 def test_evaluate_refuses_the_truth_of_another_world(capsys, ramp_map):
     other = ROOT / "bags" / "room_1" / "truth" / "surface.npz"
     status, _, err = run(capsys, "evaluate", ramp_map, "--truth", other)
@@ -71,6 +72,7 @@ def test_evaluate_refuses_the_truth_of_another_world(capsys, ramp_map):
     assert "another world" in line
 
 
+@pytest.mark.slow
 def test_convert_never_replaces_a_map_by_an_empty_one(capsys, tmp_path, ramp_map):
     file = tmp_path / "sure.yaml"
     sure = "mapper: {probability_threshold: 0.99, probability_max: 0.999}"
@@ -231,6 +233,7 @@ def test_unusable_input_is_one_line_and_status_2(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_cut_bag_is_mapped_as_far_as_it_goes(capsys, tmp_path):
     cut = tmp_path / "cut"
     shutil.copytree(RAMP, cut, ignore=shutil.ignore_patterns("truth"))

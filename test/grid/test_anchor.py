@@ -6,8 +6,9 @@ import resource
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from properties import draws
 
 from heightmap25d_ros.grid.height_grid import TILE, HeightGrid, anchor_at
 from heightmap25d_ros.grid.height_map import Area, HeightMap, local_origin
@@ -70,7 +71,7 @@ def shifted(beams, offset):
 
 @pytest.mark.parametrize("rule", ["paper", "candidate"])
 @pytest.mark.parametrize("offset", [UTM, (-2e6, 1e7, -400.0), (0.0, 0.0, 8848.0)])
-@settings(max_examples=10, deadline=None)
+@draws(10)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_a_translated_drive_gives_the_same_cells(rule, offset, seed):
     rng = np.random.default_rng(seed)
@@ -94,7 +95,7 @@ def by_scanning(flags):
     return [*map(int, (ty.min(), tx.min(), ty.max(), tx.max())), len(ty)]
 
 
-@settings(max_examples=25, deadline=None)
+@draws(25)
 @given(seed=st.integers(0, 2**32 - 1), takes=st.lists(st.booleans(), min_size=3, max_size=8))
 def test_bounds_are_those_that_a_scan_of_all_tiles_finds(seed, takes):
     rng = np.random.default_rng(seed)

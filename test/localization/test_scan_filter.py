@@ -52,6 +52,7 @@ def estimate_at(T, spread=(0.1, 0.1, 0.03)):
     return ScanFilter(PARAMS, T, np.diag(np.square(spread)), unknown_errors(PARAMS))
 
 
+@pytest.mark.slow
 def test_in_a_room_the_pose_is_found_to_millimetres(room):
     true = se3.from_xyz_rpy([0.3, 0.1, 0.0, 0.0, 0.0, 0.4])
     prior = se3.from_xyz_rpy([0.36, 0.05, 0.04, 0.0, 0.0, 0.43])

@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from properties import draws
 from repository import BAGS
 from scipy import ndimage
 
@@ -45,7 +46,7 @@ def is_known(m, x, y):
     return bool(m.grid.read(0.5, Area(int(iy), int(ix), 1, 1)).known[0, 0])
 
 
-@settings(max_examples=200, deadline=None)
+@draws(200)
 @given(
     z=st.floats(-5.0, 5.0),
     heading=st.floats(-math.pi, math.pi),

@@ -95,7 +95,7 @@ def squared_distance(cell, pose):
 
 
 @given(SEEDS)
-@draws(400)
+@draws(200)
 def test_random_maps_with_a_robot_that_fits_wherever_its_disc_does(seed):
     rng = np.random.default_rng(seed)
     world = World.random(rng)
@@ -423,6 +423,7 @@ def beside_a_wall(offset, room, yaw):
     return Pose2D((WALL + offset[1]) * CELL - room - reach, (32 + offset[0]) * CELL, yaw)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rows", [1, 3])
 @pytest.mark.parametrize("room", ROOMS)
 @pytest.mark.parametrize("degrees", [90, 75, 180, 45])

@@ -146,6 +146,7 @@ def test_number_of_too_many_digits_is_told_without_them(
     assert "5000 characters" in capsys.readouterr().err.splitlines()[-1]
 
 
+@pytest.mark.slow
 def test_largest_seed_works(tmp_path: Path) -> None:
     bag, seed = tmp_path / "bag", 2**63 - 1
     options = ["--seed", str(seed), "--scan-rate", "1"]
@@ -186,6 +187,7 @@ def serialized(bag: Path, *topics: str) -> list[tuple[str, int, bytes]]:
         return [(c.topic, at, bytes(data)) for c, at, data in reader.messages(connections)]
 
 
+@pytest.mark.slow
 def test_slip_is_in_the_odometry_only(plain: Path, tmp_path: Path) -> None:
     slipping = ramp_bag(tmp_path / "ramp", "--slip", "0.2")
     true = ("/ground_truth", "/scan", "/scan_down", "/tf_static")
@@ -197,6 +199,7 @@ def test_slip_is_in_the_odometry_only(plain: Path, tmp_path: Path) -> None:
         assert before != after
 
 
+@pytest.mark.slow
 def test_same_speed_and_slip_same_bytes(plain: Path, tmp_path: Path) -> None:
     """The defaults as well when they are said."""
     said = ramp_bag(tmp_path / "said" / "ramp", "--speed", "1.0", "--slip", "0.055")
@@ -207,6 +210,7 @@ def test_same_speed_and_slip_same_bytes(plain: Path, tmp_path: Path) -> None:
     assert sha256(first) != sha256(plain)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [0.25, 1.4])
 def test_drive_is_as_fast_as_said(speed: float, tmp_path: Path) -> None:
     bag = ramp_bag(tmp_path / "ramp", "--speed", str(speed))
@@ -216,6 +220,7 @@ def test_drive_is_as_fast_as_said(speed: float, tmp_path: Path) -> None:
     assert steps.max() / 0.02 <= speed * 1.01
 
 
+@pytest.mark.slow
 def test_existing_directory_is_kept(recorded: Path) -> None:
     before = sha256(recorded)
     assert main(["simulate", "arch", "-o", str(recorded)]) == 2
@@ -235,6 +240,7 @@ def test_missing_mujoco_is_told_with_its_cure(
     assert error.count("\n") == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("world", COMMITTED)
 def test_committed_bag_is_mapped_without_drops(
     world: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -51,6 +51,7 @@ def along_x(scene: Scene, x: np.ndarray, y: float) -> np.ndarray:
     return scene.heights(np.column_stack([x, np.full(len(x), y)]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize(("seed", "drive", "speed"), [(1, 0, None), (2, 1, MAX_SPEED)])
 def test_world_is_drivable_along_its_drive(
@@ -253,6 +254,7 @@ def slipping(slip: float) -> OdometryNoise:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slip", [0.055, 0.165])
 def test_slip_has_the_spread_of_a_gauss_markov_error(slip: float) -> None:
     """Its integral over a distance d: variance 2 s^2 l (d - l (1 - exp(-d / l)))."""
