@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from nav_msgs.msg import OccupancyGrid, Odometry
+from nav_msgs.msg import OccupancyGrid
 from nav_msgs.srv import GetMap
 from sensor_msgs.msg import LaserScan, PointCloud2, PointField
 from std_msgs.msg import Float32MultiArray, MultiArrayDimension
@@ -26,6 +26,7 @@ from heightmap25d_ros.io import encode, map_directory
 from heightmap25d_ros.nodes import qos, runtime
 from heightmap25d_ros.nodes.interface import Input, Output, Service
 from heightmap25d_ros.nodes.lifecycle import REPORT_PERIOD, ManagedNode
+from heightmap25d_ros.nodes.pose_source import pose_inputs
 from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.mapping import Mapping, compile_kernels
 from heightmap25d_ros.pipelines.scan_queue import Reading
@@ -62,9 +63,7 @@ class MappingNode(ManagedNode):
         ]
         return [
             *scans,
-            Input(Odometry, "odom", self._on_odometry, qos.POSES, is_needed=True),
-            Input(TFMessage, "/tf", self._on_transforms, qos.POSES),
-            Input(TFMessage, "/tf_static", self._on_static_transforms, qos.STATIC_TRANSFORMS),
+            *pose_inputs(self.params.intake, self._on_odometry, self._on_transforms),
             Input(
                 PoseWithCovarianceStamped, "pose_correction", self._mapping.take_correction,
                 qos.QUEUE,
@@ -148,14 +147,11 @@ class MappingNode(ManagedNode):
     def _on_scan(self, topic: str, message: LaserScan) -> None:
         self._count(self._mapping.take_scan(topic, message))
 
-    def _on_odometry(self, message: Odometry) -> None:
+    def _on_odometry(self, message: Any) -> None:
         self._count(self._mapping.take_odometry(message))
 
-    def _on_transforms(self, message: TFMessage) -> None:
-        self._count(self._mapping.take_transforms(message, is_static=False))
-
-    def _on_static_transforms(self, message: TFMessage) -> None:
-        self._count(self._mapping.take_transforms(message, is_static=True))
+    def _on_transforms(self, message: TFMessage, is_static: bool) -> None:
+        self._count(self._mapping.take_transforms(message, is_static=is_static))
 
     def _count(self, merged: list[Reading]) -> None:
         self._version += len(merged)

@@ -454,7 +454,7 @@ def test_a_robot_in_a_dead_end_is_told_that_it_is_the_start():
 
 
 def test_a_robot_does_not_turn_into_a_wall_where_it_can_drive_on():
-    """In a corridor in which it fits, but cannot turn, it drives out, and around to what is behind it."""
+    """In a corridor in which it fits, but cannot turn, it drives out, and around."""
     height = np.zeros((48, 64), np.int16)
     height[14, 20:40] = height[20, 20:40] = 150  # 0.625 m wide
     planner = route_planner(height, radius=0.37, unknown="cost", robot_length=0.7, robot_width=0.4)
