@@ -65,7 +65,8 @@ def add_command(
 def add_topics(command: argparse.ArgumentParser) -> None:
     """Add the options that name the topics of a bag."""
     command.add_argument("--odom-topic", metavar="T",
-                         help="Odometry, a 3-D pose (default: /odom, or the only one)")  # fmt: skip
+                         help="3-D poses: Odometry, PoseStamped, PoseWithCovarianceStamped, or /tf "
+                         "(default: of intake.pose_source, /odom or the only one)")  # fmt: skip
     command.add_argument("--scan-topic", metavar="T", action="append", default=[],
                          help="a laser, repeatable (default: every LaserScan topic)")  # fmt: skip
 

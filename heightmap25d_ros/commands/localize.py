@@ -35,7 +35,7 @@ from heightmap25d_ros.localization.surface import surface_of
 from heightmap25d_ros.localization.tracker import Attempt
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.localization import Localizer, compile_kernels
-from heightmap25d_ros.pipelines.replay import replayed, with_scan_topics
+from heightmap25d_ros.pipelines.replay import pose_topic, replayed, with_scan_topics
 from heightmap25d_ros.viz import localization_figures
 
 Trajectory = list[tuple[int, se3.Matrix]]
@@ -79,8 +79,7 @@ def _localize(options: argparse.Namespace) -> Figures:
     check_output(options.output)
     with Bag(options.bag) as bag:
         settings = with_scan_topics(read_params(options, "localization"), bag, options.scan_topic)
-        odom_topic = options.odom_topic or bag.odometry_topic()
-        bag.require(odom_topic, ODOMETRY)
+        odom_topic, _ = pose_topic(bag, options.odom_topic, settings.intake)
         long_term = map_directory.load_in(
             options.map, settings.mapper.probability_threshold, settings.mapping.map_frame
         )
@@ -93,10 +92,11 @@ def _localize(options: argparse.Namespace) -> Figures:
         corrected: Trajectory = []
         odometry: Trajectory = []
         began = time.perf_counter()
-        for step in replayed(bag, localizer, odom_topic):
+        for step in replayed(bag, localizer, odom_topic, settings.intake):
             attempts += step.outcomes
             pose = localizer.pose
-            if step.topic == odom_topic and pose is not None:
+            is_new = pose is not None and (not corrected or pose.stamp_ns != corrected[-1][0])
+            if step.topic == odom_topic and pose is not None and is_new:
                 corrected.append((pose.stamp_ns, pose.T_map_base))
                 odometry.append((pose.stamp_ns, se3.inverse(pose.T_map_odom) @ pose.T_map_base))
         seconds = time.perf_counter() - began

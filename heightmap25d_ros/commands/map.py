@@ -22,12 +22,12 @@ from heightmap25d_ros.commands.common import (
 )
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.io import map_directory
-from heightmap25d_ros.io.bag import ODOMETRY, Bag
+from heightmap25d_ros.io.bag import Bag
 from heightmap25d_ros.params.by_name import with_values
 from heightmap25d_ros.params.sections import MapperParams, Params
 from heightmap25d_ros.params.spec import specs
 from heightmap25d_ros.pipelines.mapping import Mapping, compile_kernels
-from heightmap25d_ros.pipelines.replay import replayed, with_scan_topics
+from heightmap25d_ros.pipelines.replay import pose_topic, replayed, with_scan_topics
 
 
 def add_to(commands: Any) -> None:
@@ -46,14 +46,13 @@ def _map(options: argparse.Namespace) -> Figures:
     """Map a bag: scans and 3-D odometry in, a map directory out; the same bag, the same bytes."""
     with Bag(options.bag) as bag:
         settings = _mapping_params(options, bag)
-        odom_topic = options.odom_topic or bag.odometry_topic()
-        bag.require(odom_topic, ODOMETRY)
+        odom_topic, _ = pose_topic(bag, options.odom_topic, settings.intake)
         compile_kernels(settings)  # not what is timed below
         mapping = Mapping(settings)
         trajectory: list[tuple[int, se3.Matrix]] = []
         scan_ms: list[float] = []
         began = time.perf_counter()
-        for step in replayed(bag, mapping, odom_topic):
+        for step in replayed(bag, mapping, odom_topic, settings.intake):
             count = len(step.outcomes)
             scan_ms += [step.milliseconds / max(count, 1)] * count
             trajectory += [(r.scan.stamp_ns, r.T_map_base[0]) for r in step.outcomes]
@@ -76,7 +75,7 @@ def _map(options: argparse.Namespace) -> Figures:
         "dropped": dict(mapping.dropped),
         "damaged": dict(bag.damaged),
         "other_types": dict(bag.other_types),
-        "warnings": [*bag.warnings, *problems],
+        "warnings": [*bag.warnings, *mapping.dropped.notices, *problems],
         **cell_counts(height_map, obstacle_map),
         "processing_s": round(seconds, 3),
         "real_time_factor": round(duration / seconds, 1),

@@ -16,11 +16,11 @@ import numpy as np
 from heightmap25d_ros.commands.common import Figures, add_command, read_params
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.io import map_directory, trajectory
-from heightmap25d_ros.io.bag import ODOMETRY, Bag
+from heightmap25d_ros.io.bag import Bag
 from heightmap25d_ros.params.by_name import with_values
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.mapping import Mapping
-from heightmap25d_ros.pipelines.replay import replayed
+from heightmap25d_ros.pipelines.replay import pose_topic, replayed
 
 if TYPE_CHECKING:
     from heightmap25d_ros.viz.rerun_scene import Scene3d
@@ -85,12 +85,11 @@ def _show_map(scene: Scene3d, path: Path, settings: Params) -> Figures:
 def _show_bag(scene: Scene3d, path: Path, settings: Params, odom_topic: str | None) -> Figures:
     with Bag(path) as bag:
         settings = with_values(settings, {"intake.scan_topics": bag.scan_topics()})
-        odom_topic = odom_topic or bag.odometry_topic()
-        bag.require(odom_topic, ODOMETRY)
+        odom_topic, _ = pose_topic(bag, odom_topic, settings.intake)
         mapping = Mapping(settings)
         way: list[Any] = []
         shown = {"map": -np.inf, "pose": -np.inf}
-        for step in replayed(bag, mapping, odom_topic):
+        for step in replayed(bag, mapping, odom_topic, settings.intake):
             if not step.outcomes:
                 continue
             reading = step.outcomes[-1]

@@ -13,6 +13,8 @@ from rosbags.interfaces import Connection, ConnectionExtRosbag2, Qos
 LASER_SCAN = "sensor_msgs/msg/LaserScan"
 ODOMETRY = "nav_msgs/msg/Odometry"
 TF_MESSAGE = "tf2_msgs/msg/TFMessage"
+POSE = "geometry_msgs/msg/PoseStamped"
+POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 
 _READ = (LASER_SCAN, ODOMETRY, TF_MESSAGE)
 

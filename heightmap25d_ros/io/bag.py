@@ -27,13 +27,25 @@ from heightmap25d_ros.io._definitions import learn
 from heightmap25d_ros.io._topics import (
     LASER_SCAN,
     ODOMETRY,
+    POSE,
+    POSE_WITH_COVARIANCE,
     TF_MESSAGE,
     Topic,
     topic_of,
     type_of,
 )
 
-__all__ = ["LASER_SCAN", "ODOMETRY", "TF_MESSAGE", "Bag", "Event", "RawEvent", "Topic"]
+__all__ = [
+    "LASER_SCAN",
+    "ODOMETRY",
+    "POSE",
+    "POSE_WITH_COVARIANCE",
+    "TF_MESSAGE",
+    "Bag",
+    "Event",
+    "RawEvent",
+    "Topic",
+]
 
 _log = logging.getLogger(__name__)
 
@@ -183,15 +195,15 @@ class Bag:
             raise self._without(LASER_SCAN)
         return found
 
-    def odometry_topic(self) -> str:
-        """/odom, or the only Odometry topic, or the only one whose name ends in /odom.
+    def odometry_topic(self, message_type: str = ODOMETRY) -> str:
+        """/odom, or the only topic of a type, or the only one whose name ends in /odom.
 
         Raises
         ------
         InputError
             If there is none, or it is not clear which one is meant.
         """
-        found = self.topics_of(ODOMETRY)
+        found = self.topics_of(message_type)
         for candidates in (
             [name for name in found if name == "/odom"],
             found,
@@ -201,7 +213,7 @@ class Bag:
                 return candidates[0]
         if found:
             raise InputError(f"{self.path}: name the odometry's topic, one of {', '.join(found)}")
-        raise self._without(ODOMETRY)
+        raise self._without(message_type)
 
     def events(
         self, topics: Collection[str], types: Mapping[str, str] | None = None

@@ -99,16 +99,21 @@ def scan(message: Any) -> Scan:
     )
 
 
-def odometry(message: Any) -> Odometry:
-    """`Odometry` of a nav_msgs/Odometry; refuses unnamed frames, and what `pose` refuses."""
-    frame_id, child_frame_id = _frame(message.header.frame_id), _frame(message.child_frame_id)
+def odometry(message: Any, base_frame: str = "") -> Odometry:
+    """`Odometry` of a nav_msgs/Odometry, a PoseStamped or a PoseWithCovarianceStamped.
+
+    The child is the base frame where the message names none, as poses never do. Refuses unnamed
+    frames, and what `pose` refuses.
+    """
+    frame_id = _frame(message.header.frame_id)
+    child_frame_id = _frame(getattr(message, "child_frame_id", "")) or base_frame
     if not (frame_id and child_frame_id):
         raise InputError("child_frame_id: empty" if frame_id else "header.frame_id: empty")
     return Odometry(
         stamp_ns=stamp_ns(message.header),
         frame_id=frame_id,
         child_frame_id=child_frame_id,
-        T=pose(message.pose.pose, "pose.pose"),
+        T=_stamped_pose(message),
     )
 
 
@@ -174,6 +179,11 @@ def pose_in(message: Any, frame_id: str) -> se3.Matrix:
         If it is in another one; and for what `pose` refuses.
     """
     require_frame(message.header, frame_id)
+    return _stamped_pose(message)
+
+
+def _stamped_pose(message: Any) -> se3.Matrix:
+    """(4, 4) of the pose of a PoseStamped, a PoseWithCovarianceStamped or an Odometry."""
     nested = message.pose
     return pose(nested.pose, "pose.pose") if hasattr(nested, "pose") else pose(nested, "pose")
 

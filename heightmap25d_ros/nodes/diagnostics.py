@@ -7,6 +7,7 @@ from __future__ import annotations
 import os
 import time
 from collections import Counter, deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -19,6 +20,7 @@ from rclpy.subscription import Subscription
 from sensor_msgs.msg import LaserScan
 
 from heightmap25d_ros.nodes.interface import Input as Interface
+from heightmap25d_ros.nodes.qos import best_effort, is_best_effort_needed
 from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.input_watch import Flatness
 from heightmap25d_ros.pipelines.self_check import (
@@ -73,6 +75,8 @@ class _Counted:
     subscription: Subscription
     is_needed: bool
     is_latched: bool
+    take: Callable[[Any], None]
+    is_resubscribed: bool = False
     received: int = 0
     received_before: int = 0
 
@@ -106,8 +110,30 @@ class Diagnostics:
 
         subscription = self._node.create_subscription(entry.kind, entry.topic, take, entry.profile)
         is_latched = entry.profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
-        counted = _Counted(subscription, entry.is_needed, is_latched)
+        counted = _Counted(subscription, entry.is_needed, is_latched, take)
         self._inputs.append(counted)
+        self._hear_best_effort(counted)
+
+    def _hear_best_effort(self, counted: _Counted) -> None:
+        """Subscribe anew where a publisher offers best effort only: nothing is lost but for that.
+
+        A reliable subscription loses no message of a reliable publisher, and hears no other one.
+        """
+        heard = counted.subscription
+        publishers = self._node.get_publishers_info_by_topic(heard.topic_name)
+        offered = [publisher.qos_profile for publisher in publishers]
+        if counted.is_resubscribed or not is_best_effort_needed(heard.qos_profile, offered):
+            return
+        counted.is_resubscribed = True
+        # Overrides are in its profile already, and would make it reliable again.
+        counted.subscription = self._node.create_subscription(
+            heard.msg_type,
+            heard.topic_name,
+            counted.take,
+            best_effort(heard.qos_profile),
+            qos_overriding_options=None,
+        )
+        self._node.destroy_subscription(heard)
 
     def activate(self) -> None:
         """Everything is subscribed; check after a while what comes."""
@@ -193,6 +219,8 @@ class Diagnostics:
         )
 
     def _publish(self) -> None:
+        for counted in self._inputs:
+            self._hear_best_effort(counted)
         now = self._node.get_clock().now()
         self._clock_ns = self._clock_ns[1], now.nanoseconds
         present = self._check()

@@ -57,7 +57,7 @@ class DriverNode(Node):
 
     def _on_odometry(self, message: Odometry) -> None:
         try:
-            odometry = decode.odometry(message)
+            odometry = decode.odometry(message, self._base_frame)
         except InputError as error:
             self._complain(error)
             return

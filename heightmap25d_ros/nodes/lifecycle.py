@@ -17,7 +17,7 @@ from rclpy.publisher import Publisher
 from rclpy.timer import Timer
 
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.nodes import parameters
+from heightmap25d_ros.nodes import parameters, qos
 from heightmap25d_ros.nodes.diagnostics import Diagnostics
 from heightmap25d_ros.nodes.interface import Input, Output, Service
 from heightmap25d_ros.params import by_name
@@ -189,12 +189,12 @@ class ManagedNode(LifecycleNode):
         return super().on_shutdown(state)
 
     def create_subscription(
-        self, kind: Any, topic: str, callback: Callable[..., Any], *arguments: Any, **options: Any
+        self, kind: Any, topic: str, callback: Callable[..., Any], profile: Any, **options: Any
     ) -> Any:
-        """As of `rclpy.node.Node`, with a callback that cannot end the node."""
-        return super().create_subscription(
-            kind, topic, self._guarded(callback), *arguments, **options
-        )
+        """As of `rclpy.node.Node`, with a callback that cannot end the node, and overrides."""
+        with qos.overridable(profile) as (own, overrides):
+            options = overrides | options
+            return super().create_subscription(kind, topic, self._guarded(callback), own, **options)
 
     def create_service(
         self, kind: Any, name: str, callback: Callable[..., Any], *arguments: Any, **options: Any
@@ -237,10 +237,12 @@ class ManagedNode(LifecycleNode):
 
     def _configure(self) -> None:
         self.set_up()
-        self.publishers_by_topic = {
-            output.topic: self.create_lifecycle_publisher(output.kind, output.topic, output.profile)
-            for output in self.outputs()
-        }
+        self.publishers_by_topic = {}
+        for output in self.outputs():
+            with qos.overridable(output.profile) as (profile, options):
+                arguments = output.kind, output.topic, profile
+                publisher = self.create_lifecycle_publisher(*arguments, **options)
+            self.publishers_by_topic[output.topic] = publisher
         for service in self.offered_services():
             self.create_service(service.kind, service.name, service.callback)
 
@@ -256,8 +258,10 @@ class ManagedNode(LifecycleNode):
         self._diagnostics.deactivate()
 
     def _report_drops(self) -> None:
-        """Warn of messages that were dropped since the last time."""
+        """Warn of what was dropped, or used with a reservation, since the last time."""
         dropped = self.dropped
+        for sentence in dropped.new_notices():
+            self.get_logger().warning(sentence)
         if dropped.notable > self._reported:
             self.get_logger().warning(f"dropped so far: {dropped}")
         self._reported = dropped.notable

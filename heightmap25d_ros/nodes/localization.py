@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
-from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
@@ -22,6 +21,7 @@ from heightmap25d_ros.localization.tracking_state import State
 from heightmap25d_ros.nodes import qos, runtime
 from heightmap25d_ros.nodes.interface import Input, Output, Service
 from heightmap25d_ros.nodes.lifecycle import ManagedNode
+from heightmap25d_ros.nodes.pose_source import pose_inputs
 from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.input_watch import InputWatch
 from heightmap25d_ros.pipelines.localization import Localizer, Pose, compile_kernels
@@ -59,9 +59,7 @@ class LocalizationNode(ManagedNode):
         )  # fmt: skip
         return [
             *scans,
-            Input(Odometry, "odom", self._on_odometry, qos.POSES, is_needed=True),
-            Input(TFMessage, "/tf", self._on_transforms, qos.POSES),
-            Input(TFMessage, "/tf_static", self._on_static_transforms, qos.STATIC_TRANSFORMS),
+            *pose_inputs(self.params.intake, self._on_odometry, self._on_transforms),
             Input(PoseWithCovarianceStamped, "initialpose", self._on_initial_pose, qos.QUEUE),
             *([] if self.params.localization.map_directory else [long_term]),
         ]
@@ -134,13 +132,10 @@ class LocalizationNode(ManagedNode):
     def _on_scan(self, topic: str, message: LaserScan) -> None:
         self._publish(self._localizer.take_scan(topic, message))
 
-    def _on_transforms(self, message: TFMessage) -> None:
-        self._publish(self._localizer.take_transforms(message, is_static=False))
+    def _on_transforms(self, message: TFMessage, is_static: bool) -> None:
+        self._publish(self._localizer.take_transforms(message, is_static=is_static))
 
-    def _on_static_transforms(self, message: TFMessage) -> None:
-        self._publish(self._localizer.take_transforms(message, is_static=True))
-
-    def _on_odometry(self, message: Odometry) -> None:
+    def _on_odometry(self, message: Any) -> None:
         self._publish(self._localizer.take_odometry(message))
 
     def _on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:

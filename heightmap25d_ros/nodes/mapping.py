@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from nav_msgs.msg import Odometry
 from nav_msgs.srv import GetMap
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
@@ -25,6 +24,7 @@ from heightmap25d_ros.nodes.interface import Input, Output, Service
 from heightmap25d_ros.nodes.lifecycle import REPORT_PERIOD, ManagedNode
 from heightmap25d_ros.nodes.map_messages import TOPICS, message_of
 from heightmap25d_ros.nodes.map_transform import AnchorTransform, MapTransform
+from heightmap25d_ros.nodes.pose_source import pose_inputs
 from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.input_watch import InputWatch
 from heightmap25d_ros.pipelines.mapping import Mapping, compile_kernels
@@ -49,9 +49,7 @@ class MappingNode(ManagedNode):
         ]
         return [
             *scans,
-            Input(Odometry, "odom", self._on_odometry, qos.POSES, is_needed=True),
-            Input(TFMessage, "/tf", self._on_transforms, qos.POSES),
-            Input(TFMessage, "/tf_static", self._on_static_transforms, qos.STATIC_TRANSFORMS),
+            *pose_inputs(self.params.intake, self._on_odometry, self._on_transforms),
             Input(
                 PoseWithCovarianceStamped, "pose_correction", self._mapping.take_correction,
                 qos.QUEUE,
@@ -149,15 +147,13 @@ class MappingNode(ManagedNode):
     def _on_scan(self, topic: str, message: LaserScan) -> None:
         self._count(self._mapping.take_scan(topic, message))
 
-    def _on_odometry(self, message: Odometry) -> None:
+    def _on_odometry(self, message: Any) -> None:
         self._count(self._mapping.take_odometry(message))
 
-    def _on_transforms(self, message: TFMessage) -> None:
-        self._transform.observe(message)
-        self._count(self._mapping.take_transforms(message, is_static=False))
-
-    def _on_static_transforms(self, message: TFMessage) -> None:
-        self._count(self._mapping.take_transforms(message, is_static=True))
+    def _on_transforms(self, message: TFMessage, is_static: bool) -> None:
+        if not is_static:
+            self._transform.observe(message)
+        self._count(self._mapping.take_transforms(message, is_static=is_static))
 
     def _count(self, merged: list[Reading]) -> None:
         self._version += len(merged)

@@ -9,14 +9,16 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import Pose, PoseArray, PoseStamped, PoseWithCovarianceStamped
-from nav_msgs.msg import Odometry, Path
+from nav_msgs.msg import Path
 from nav_msgs.srv import GetPlan
+from tf2_msgs.msg import TFMessage
 
 from heightmap25d_msgs.msg import HeightGrid, PlanStatus
 from heightmap25d_ros.io import encode
 from heightmap25d_ros.nodes import qos, runtime
 from heightmap25d_ros.nodes.interface import Input, Output, Service
 from heightmap25d_ros.nodes.lifecycle import ManagedNode
+from heightmap25d_ros.nodes.pose_source import pose_inputs
 from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.planning import Planning
 from heightmap25d_ros.planning.plan import Plan
@@ -30,13 +32,16 @@ class PlanningNode(ManagedNode):
     """Hands messages to `Planning`, and publishes the plans that it returns."""
 
     NAME = "planning"
-    PARAMETERS = ("traversability", "planner", "planning", "mapping.map_frame", "intake.base_frame")
+    PARAMETERS = (
+        "traversability", "planner", "planning", "mapping.map_frame", "intake.base_frame",
+        "intake.pose_source", "intake.odom_frame", "intake.odom_gap",
+    )  # fmt: skip
 
     def inputs(self) -> list[Input]:
         """The map, the robot and its goals."""
         return [
             Input(HeightGrid, "height_grid", self._on_map, qos.LATCHED, is_needed=True),
-            Input(Odometry, "odom", self._on_odometry, qos.QUEUE, is_needed=True),
+            *pose_inputs(self.params.intake, self._on_odometry, self._on_transforms),
             Input(PoseStamped, "goal_pose", self._on_goal, qos.QUEUE),
             Input(
                 PoseWithCovarianceStamped, "pose_correction", self._planning.take_correction,
@@ -93,8 +98,11 @@ class PlanningNode(ManagedNode):
     def _on_map(self, message: HeightGrid) -> None:
         self._publish(self._planning.take_map(message))
 
-    def _on_odometry(self, message: Odometry) -> None:
+    def _on_odometry(self, message: Any) -> None:
         self._publish(self._planning.take_odometry(message))
+
+    def _on_transforms(self, message: TFMessage, is_static: bool) -> None:
+        self._publish(self._planning.take_transforms(message, is_static=is_static))
 
     def _publish(self, plan: Plan | None) -> None:
         if plan is None:

@@ -4,13 +4,21 @@
 
 from __future__ import annotations
 
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+import copy
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+
+from heightmap25d_ros.errors import InputError
 
 QUEUE = QoSProfile(depth=10)
 """Of goals, corrections and the like: reliable."""
 
 POSES = QoSProfile(depth=100)
-"""Of odometry and transforms: deep enough for those that come while a map is converted."""
+"""Of odometry, poses and transforms: deep enough for those that come while a map is converted."""
 
 SCANS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 """As qos_profile_sensor_data, but deep enough for the scans that come while a map is converted."""
@@ -20,3 +28,44 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 STATIC_TRANSFORMS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Of /tf_static."""
+
+_OVERRIDABLE = (
+    QoSPolicyKind.HISTORY,
+    QoSPolicyKind.DEPTH,
+    QoSPolicyKind.RELIABILITY,
+    QoSPolicyKind.DURABILITY,
+)
+
+
+@contextmanager
+def overridable(profile: QoSProfile | int) -> Iterator[tuple[QoSProfile, dict[str, Any]]]:
+    """A profile, and the options with which parameters ``qos_overrides.TOPIC...`` change it.
+
+    Raises
+    ------
+    InputError
+        If such a parameter has a value that is no policy.
+    """
+    own = QoSProfile(depth=profile) if isinstance(profile, int) else copy.copy(profile)
+    try:
+        yield own, {"qos_overriding_options": QoSOverridingOptions(_OVERRIDABLE)}
+    except RuntimeError as error:
+        if "QoS override" not in str(error):
+            raise
+        raise InputError(str(error)) from None
+
+
+def best_effort(profile: QoSProfile) -> QoSProfile:
+    """The same profile, which best-effort publishers match as well."""
+    result = copy.copy(profile)
+    result.reliability = ReliabilityPolicy.BEST_EFFORT
+    return result
+
+
+def is_best_effort_needed(subscribed: QoSProfile, offered: list[QoSProfile]) -> bool:
+    """Whether a reliable subscription, not to latched topics, does not hear some publisher."""
+    if subscribed.reliability != ReliabilityPolicy.RELIABLE:
+        return False
+    if subscribed.durability != DurabilityPolicy.VOLATILE:
+        return False
+    return any(profile.reliability == ReliabilityPolicy.BEST_EFFORT for profile in offered)

@@ -236,6 +236,13 @@ class IntakeParams(Section):
         (), "x, y, z, roll, pitch, yaw of each laser in base_link; empty: from /tf", "m, rad"
     )
     base_frame: str = parameter("base_link", "frame of the robot")
+    pose_source: str = parameter(
+        "odometry",
+        "type of the robot's poses on odom: Odometry, PoseStamped (pose) or "
+        "PoseWithCovarianceStamped; tf: odom_frame to base_frame on /tf, without a topic",
+        choices=("odometry", "tf", "pose", "pose_with_covariance"),
+    )  # fmt: skip
+    odom_frame: str = parameter("odom", "pose_source: tf: frame in which the robot's poses are")
     odom_gap: float = parameter(
         1.0, "no interpolation between poses that are farther apart than this", "s",
         low=0.001, high=60.0,

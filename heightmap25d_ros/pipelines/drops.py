@@ -29,11 +29,15 @@ class Drops(Counter[str]):
     Attributes
     ----------
     examples : dict of reason to str
+    notices : list of str
+        What was used, but not as it came: each sentence once.
     """
 
     def __init__(self) -> None:
         super().__init__()
         self.examples: dict[str, str] = {}
+        self.notices: list[str] = []
+        self._told = 0
 
     def record(self, reason: str, example: str = "", count: int = 1) -> None:
         """Count what was dropped for a reason; a count of 0 leaves no trace."""
@@ -42,6 +46,16 @@ class Drops(Counter[str]):
         self[reason] += count
         if example:
             self.examples[reason] = example[:_LONGEST_EXAMPLE]
+
+    def notice(self, sentence: str) -> None:
+        """Say once how something was used that is not as it should be."""
+        if sentence not in self.notices:
+            self.notices.append(sentence)
+
+    def new_notices(self) -> list[str]:
+        """The notices since the last call."""
+        new, self._told = self.notices[self._told :], len(self.notices)
+        return new
 
     def decoded(self, kind: str, decode: Callable[[Any], _Value], message: Any) -> _Value | None:
         """What is decoded from a message; None, and counted, where the message is malformed.

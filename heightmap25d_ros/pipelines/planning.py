@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,39 +15,21 @@ from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.io import decode
+from heightmap25d_ros.io.decode import Odometry
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.drops import Drops
+from heightmap25d_ros.pipelines.map_frames import MapFrames
+from heightmap25d_ros.pipelines.mission import Mission, best_direction
+from heightmap25d_ros.pipelines.transform_buffer import Missing
 from heightmap25d_ros.planning.graph import transition_graph
 from heightmap25d_ros.planning.plan import Plan, Pose2D, Status
 from heightmap25d_ros.planning.planner import Planner
-from heightmap25d_ros.planning.search import UNREACHABLE
 
 MOTION = 0.3
 """How far the robot moves before the direction of its motion is looked at [m]."""
 
 LEAST_GAIN = 0.5
 """What a cheaper path must save at least [m of flat ground]: costs are those of whole cells."""
-
-AHEAD = 1.0
-"""The best direction is that to the point so far along the cheapest path [m]."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Mission:
-    """A goal and the plan to it.
-
-    Attributes
-    ----------
-    goal : Pose2D
-    plan : Plan
-        With a path, or the reason why there is none now: then it is planned to again.
-    moved_from : (2,) float64 [m], map
-        Where the robot was when the direction of its motion was last looked at.
-    """
-
-    goal: Pose2D
-    plan: Plan
-    moved_from: Array
 
 
 class Planning:
@@ -70,12 +52,11 @@ class Planning:
     def __init__(self, params: Params) -> None:
         self.dropped = Drops()
         self._params = params
-        self._T_map_odom = np.eye(4)
-        self._T_odom_base: se3.Matrix | None = None
+        self._frames = MapFrames(params, self.dropped)
         self._height_map: HeightMap | None = None
         self._planner: Planner | None = None
-        self._waiting_goal: Pose2D | None = None
-        self._mission: _Mission | None = None
+        self._waiting_goal: Odometry | None = None
+        self._mission: Mission | None = None
 
     def take_map(self, message: Any) -> Plan | None:
         """Take a heightmap25d_msgs/HeightGrid; a plan where the map asks for another one."""
@@ -91,31 +72,30 @@ class Planning:
         return self._began() if self._waiting_goal is not None else self._checked()
 
     def take_odometry(self, message: Any) -> Plan | None:
-        """Take a nav_msgs/Odometry; a plan where the robot has left the path."""
-        odometry = self.dropped.decoded("odometry", decode.odometry, message)
-        if odometry is None:
+        """Take a pose of the robot, see `robot_pose`; a plan where the robot has left the path."""
+        if not self._frames.take_odometry(message):
             return None
-        child, base_frame = odometry.child_frame_id, self._params.intake.base_frame
-        if child != base_frame:
-            self.dropped.record(
-                "odometry: of another frame", f"of {child!r}, not of {base_frame!r}"
-            )
-            return None
-        self._T_odom_base = odometry.T
         return self._began() if self._waiting_goal is not None else self._followed()
 
     def take_correction(self, message: Any) -> None:
         """Take a geometry_msgs/PoseWithCovarianceStamped: the pose of odom in the map."""
-        frame = self._params.mapping.map_frame
-        T_map_odom = self.dropped.decoded("correction", lambda m: decode.pose_in(m, frame), message)
-        if T_map_odom is not None:
-            self._T_map_odom = T_map_odom
+        self._frames.take_correction(message)
+
+    def take_transforms(self, message: Any, *, is_static: bool) -> Plan | None:
+        """Take a tf2_msgs/TFMessage of /tf or /tf_static; a plan where a goal waited for it."""
+        self._frames.take_transforms(message, is_static=is_static)
+        return self._began()
 
     def take_goal(self, message: Any) -> Plan:
-        """Take a geometry_msgs/PoseStamped, in place of the goal before; the plan to it."""
+        """Take a geometry_msgs/PoseStamped, in place of the goal before; the plan to it.
+
+        It may be in any frame that odometry and transforms connect with the map: it is transformed
+        at its stamp, for which it waits where that is still to come, and by the newest transforms
+        where it is 0.
+        """
         self._waiting_goal = self._mission = None
         try:
-            self._waiting_goal = self._decoded_pose(message, "goal_pose")
+            self._waiting_goal = _decoded(message, "goal_pose")
         except _RefusedError as refused:
             return refused.plan
         return self._began() or self._lacking()
@@ -148,27 +128,29 @@ class Planning:
     def answer(self, start: Any, goal: Any, tolerance: float) -> Plan:
         """`plan_between` of geometry_msgs/PoseStamped, as of nav_msgs/GetPlan."""
         try:
-            poses = self._decoded_pose(start, "start"), self._decoded_pose(goal, "goal")
+            poses = self._in_map(start, "start"), self._in_map(goal, "goal")
         except _RefusedError as refused:
             return refused.plan
         return self.plan_between(*poses, tolerance)
 
-    def _decoded_pose(self, message: Any, field: str) -> Pose2D:
-        frame = self._params.mapping.map_frame
-        try:
-            return _pose_2d(decode.pose_in(message, frame))
-        except InputError as error:
-            status = Status.TF_ERROR if "frame_id" in str(error) else Status.UNKNOWN
-            raise _RefusedError(Plan(status=status, reason=f"{field}.{error}")) from None
+    def _in_map(self, message: Any, field: str) -> Pose2D:
+        """A PoseStamped in the map; `_RefusedError` says why there is none."""
+        pose = _decoded(message, field)
+        T = self._frames.in_map(pose)
+        if isinstance(T, Missing):
+            raise _RefusedError(_without_transform(field, self._frames.unconnected(pose, T)))
+        return _pose_2d(T)
 
     def _lacking(self) -> Plan:
         """What is waited for, as a plan without a path."""
+        goal = self._waiting_goal
+        kept = "; the goal is kept" if goal is not None else ""
         if self._height_map is None:
-            status, lacking = Status.UNKNOWN, "no map has come yet"
-        else:
-            status, lacking = Status.TF_ERROR, "no odometry has come yet"
-        kept = "; the goal is kept" if self._waiting_goal is not None else ""
-        return Plan(status=status, reason=lacking + kept)
+            return Plan(status=Status.UNKNOWN, reason="no map has come yet" + kept)
+        if self._robot() is None or goal is None:
+            return Plan(status=Status.TF_ERROR, reason="no odometry has come yet" + kept)
+        lacking = self._frames.unconnected(goal, Missing.NOT_YET)
+        return _without_transform("goal_pose", lacking + kept)
 
     def _planner_over(self, height_map: HeightMap) -> Planner:
         """The planner over the newest map, whose graph is made when it is first needed."""
@@ -179,16 +161,21 @@ class Planning:
         return self._planner
 
     def _robot(self) -> Pose2D | None:
-        if self._T_odom_base is None:
-            return None
-        return _pose_2d(self._T_map_odom @ self._T_odom_base)
+        T = self._frames.robot()
+        return None if T is None else _pose_2d(T)
 
     def _began(self) -> Plan | None:
-        """Plan to the goal that waits, once there are a map and a pose."""
-        goal, robot = self._waiting_goal, self._robot()
-        if goal is None or robot is None or self._height_map is None:
+        """Plan to the goal that waits, once there are a map, a pose, and the goal's transform."""
+        waiting, robot = self._waiting_goal, self._robot()
+        if waiting is None or robot is None or self._height_map is None:
+            return None
+        T = self._frames.in_map(waiting)
+        if T is Missing.NOT_YET:
             return None
         self._waiting_goal = None
+        if isinstance(T, Missing):
+            return _without_transform("goal_pose", self._frames.unconnected(waiting, T))
+        goal = _pose_2d(T)
         return self._replaced(goal, robot, self._planned(goal, robot, self._height_map))
 
     def _planned(self, goal: Pose2D, robot: Pose2D, height_map: HeightMap) -> Plan:
@@ -200,7 +187,7 @@ class Planning:
 
     def _replaced(self, goal: Pose2D, robot: Pose2D, plan: Plan) -> Plan:
         """Follow another plan from where the robot is."""
-        self._mission = _Mission(goal=goal, plan=plan, moved_from=np.array([robot.x, robot.y]))
+        self._mission = Mission(goal=goal, plan=plan, moved_from=np.array([robot.x, robot.y]))
         return plan
 
     def _checked(self) -> Plan | None:
@@ -250,27 +237,26 @@ class Planning:
         is_news = mission.plan.found or plan.status is not mission.plan.status
         return plan if is_news else None
 
-    def _is_on_course(self, mission: _Mission, moved: Array) -> bool:
+    def _is_on_course(self, mission: Mission, moved: Array) -> bool:
         """Whether a motion (2,) [m] led about where the cheapest path leads."""
-        best = _best_direction(mission.plan, mission.moved_from)
+        best = best_direction(mission.plan, mission.moved_from)
         if best is None:
             return False
         off = math.remainder(math.atan2(*moved[::-1]) - best, 2.0 * math.pi)
         return abs(off) <= self._params.planning.replan_angle
 
 
-def _best_direction(plan: Plan, point: Array) -> float | None:
-    """Heading [rad] of the cheapest path from a point (2,) [m]; None where there is none."""
-    field, graph = plan.cost_to_go, plan.graph
-    if field is None or graph is None:
-        return None
-    iy, ix = graph.geometry.cell_at(point)
-    if not graph.geometry.contains((iy, ix)) or field[iy, ix] == UNREACHABLE:
-        return None
-    cells = field.cheapest_path((int(iy), int(ix)))
-    ahead = cells[min(len(cells) - 1, round(AHEAD / graph.geometry.resolution))]
-    step = ahead - (iy, ix)
-    return math.atan2(*step) if step.any() else None
+def _without_transform(field: str, reason: str) -> Plan:
+    return Plan(status=Status.TF_ERROR, reason=f"{field}: {reason}")
+
+
+def _decoded(message: Any, field: str) -> Odometry:
+    """A PoseStamped; `_RefusedError` says what is wrong with it."""
+    try:
+        return decode.odometry(message, field)
+    except InputError as error:
+        status = Status.TF_ERROR if "frame_id" in str(error) else Status.UNKNOWN
+        raise _RefusedError(Plan(status=status, reason=f"{field}.{error}")) from None
 
 
 class _RefusedError(Exception):

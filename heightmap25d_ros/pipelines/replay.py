@@ -11,11 +11,28 @@ from typing import Any, Generic, Protocol, TypeVar
 
 from tqdm import tqdm
 
-from heightmap25d_ros.io.bag import LASER_SCAN, ODOMETRY, TF_MESSAGE, Bag
+from heightmap25d_ros.io.bag import (
+    LASER_SCAN,
+    ODOMETRY,
+    POSE,
+    POSE_WITH_COVARIANCE,
+    TF_MESSAGE,
+    Bag,
+    Event,
+)
 from heightmap25d_ros.params.by_name import with_values
-from heightmap25d_ros.params.sections import Params
+from heightmap25d_ros.params.sections import IntakeParams, Params
+from heightmap25d_ros.pipelines.robot_pose import TransformPoses
 
 TRANSFORMS, STATIC_TRANSFORMS = "/tf", "/tf_static"
+
+_POSE_TYPES = {
+    "odometry": ODOMETRY,
+    "pose": POSE,
+    "pose_with_covariance": POSE_WITH_COVARIANCE,
+    "tf": TF_MESSAGE,
+}
+"""Message types of ``intake.pose_source``."""
 
 _Outcome = TypeVar("_Outcome")
 _Outcome_co = TypeVar("_Outcome_co", covariant=True)
@@ -32,7 +49,7 @@ class Pipeline(Protocol[_Outcome_co]):
         """Take a LaserScan."""
 
     def take_odometry(self, message: Any) -> Sequence[_Outcome_co]:
-        """Take an Odometry."""
+        """Take an Odometry, a pose, or a decoded one."""
 
     def take_transforms(self, message: Any, *, is_static: bool) -> Sequence[_Outcome_co]:
         """Take a TFMessage."""
@@ -91,28 +108,82 @@ def with_scan_topics(settings: Params, bag: Bag, chosen: Sequence[str]) -> Param
     return with_values(settings, {"intake.scan_topics": list(topics)})
 
 
-def replayed(bag: Bag, pipeline: Pipeline[_Outcome], odom_topic: str) -> Iterator[Step[_Outcome]]:
+def pose_topic(bag: Bag, chosen: str | None, intake: IntakeParams) -> tuple[str, str]:
+    """The topic of the robot's poses, and the type of its messages.
+
+    Parameters
+    ----------
+    bag : Bag
+    chosen : str or None
+        A topic of Odometry, PoseStamped, PoseWithCovarianceStamped or TFMessage; None: the one
+        of ``intake.pose_source``.
+    intake : IntakeParams
+
+    Raises
+    ------
+    InputError
+        If there is none, it is not clear which one is meant, or it is of another type.
+    """
+    if chosen is not None:
+        found = next((kind for kind in _POSE_TYPES.values() if chosen in bag.topics_of(kind)), None)
+        kind = found or ODOMETRY
+    else:
+        kind = _POSE_TYPES[intake.pose_source]
+        chosen = TRANSFORMS if kind == TF_MESSAGE else bag.odometry_topic(kind)
+    bag.require(chosen, kind)
+    return chosen, kind
+
+
+def replayed(
+    bag: Bag, pipeline: Pipeline[_Outcome], odom_topic: str, intake: IntakeParams | None = None
+) -> Iterator[Step[_Outcome]]:
     """Feed a bag to a pipeline: a step for each message, and one for the end.
 
     Static transforms hold for all times, so those of the whole bag are fed first.
+
+    Parameters
+    ----------
+    bag : Bag
+    pipeline : Pipeline
+    odom_topic : str
+        Of the robot's poses, see `pose_topic`.
+    intake : IntakeParams, optional
+        Whose frames are those of the poses on /tf.
     """
     transforms = [topic for topic in (TRANSFORMS, STATIC_TRANSFORMS) if topic in bag.topics]
-    types = dict.fromkeys(pipeline.scan_topics, LASER_SCAN) | {odom_topic: ODOMETRY}
+    types = {odom_topic: pose_topic(bag, odom_topic, intake or IntakeParams())[1]}
+    poses = TransformPoses(intake or IntakeParams()) if types[odom_topic] == TF_MESSAGE else None
+    types |= dict.fromkeys(pipeline.scan_topics, LASER_SCAN)
     types |= dict.fromkeys(transforms, TF_MESSAGE)
     static = bag.events([STATIC_TRANSFORMS], types) if STATIC_TRANSFORMS in transforms else ()
     # The first one of a frame comes last: it holds until another one comes in its turn.
     for event in reversed(list(static)):
-        feed(pipeline, event.topic, event.message, odom_topic)
-    topics = [*pipeline.scan_topics, odom_topic, *transforms]
+        _fed(pipeline, event, odom_topic, poses)
+    topics = list(dict.fromkeys([*pipeline.scan_topics, odom_topic, *transforms]))
     total = sum(bag.topics[topic].count for topic in topics if topic in bag.topics)
     with tqdm(
         total=total, unit=" messages", unit_scale=True, desc=bag.path.name, disable=None
     ) as progress:
         for event in bag.events(topics, types):
             began = time.perf_counter()
-            outcomes = feed(pipeline, event.topic, event.message, odom_topic)
+            outcomes = _fed(pipeline, event, odom_topic, poses)
             yield Step(event.topic, 1e3 * (time.perf_counter() - began), outcomes)
             progress.update()
     began = time.perf_counter()
     outcomes = pipeline.flush()
     yield Step("", 1e3 * (time.perf_counter() - began), outcomes)
+
+
+def _fed(
+    pipeline: Pipeline[_Outcome], event: Event, odom_topic: str, poses: TransformPoses | None
+) -> Sequence[_Outcome]:
+    """`feed`, with the poses that the transforms hold where the robot's come from there."""
+    if poses is None:
+        return feed(pipeline, event.topic, event.message, odom_topic)
+    is_static = event.topic == STATIC_TRANSFORMS
+    if event.topic not in (odom_topic, TRANSFORMS, STATIC_TRANSFORMS):
+        return feed(pipeline, event.topic, event.message, odom_topic)
+    outcomes = list(pipeline.take_transforms(event.message, is_static=is_static))
+    for pose in poses.take(event.message, is_static=is_static):
+        outcomes += pipeline.take_odometry(pose)
+    return outcomes

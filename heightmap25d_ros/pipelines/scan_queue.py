@@ -27,6 +27,7 @@ from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.input_watch import InputWatch
 from heightmap25d_ros.pipelines.map_correction import MapCorrection
 from heightmap25d_ros.pipelines.odometry_gate import OdometryGate
+from heightmap25d_ros.pipelines.robot_pose import robot_pose
 from heightmap25d_ros.pipelines.transform_buffer import JUMP_BACK_NS, Missing, TransformBuffer
 
 _MOST_FRAMES = 1000  # without mount that are remembered: each scan may name a new one
@@ -141,8 +142,8 @@ class ScanQueue:
         return [] if scan is None else self.add_scan(topic, scan)
 
     def take_odometry(self, message: Any) -> list[Reading]:
-        """Take a nav_msgs/Odometry."""
-        odometry = self.dropped.decoded("odometry", decode.odometry, message)
+        """Take a pose of the robot, in a message or decoded, see `robot_pose`."""
+        odometry = robot_pose(message, self._params.base_frame, self.dropped)
         return [] if odometry is None else self.add_odometry(odometry)
 
     def take_transforms(self, message: Any, *, is_static: bool) -> list[Reading]:

@@ -157,6 +157,26 @@ class TransformBuffer:
             return T_common_source
         return np.asarray(se3.inverse(T_common_target) @ T_common_source)
 
+    def chain(self, target: str, source: str) -> list[str]:
+        """The frames whose poses in their parents lie between two frames; none if unconnected."""
+        above_source, above_target = self._upward(source), self._upward(target)
+        common = next((frame for frame in above_source if frame in above_target), None)
+        if common is None:
+            return []
+        return [
+            *above_source[: above_source.index(common)],
+            *above_target[: above_target.index(common)],
+        ]
+
+    def is_connected(self, target: str, source: str) -> bool:
+        """Whether two frames have a common ancestor, at whatever time."""
+        return self._upward(target)[-1] == self._upward(source)[-1]
+
+    def newest_stamp(self, target: str, source: str) -> int | None:
+        """Newest stamp [ns] at which a lookup has a pose, as tf2's; None where nothing moves."""
+        edges = [self._edges[frame] for frame in self.chain(target, source)]
+        return min((edge.stamps[-1] for edge in edges if not edge.is_static), default=None)
+
     def _upward(self, frame: str) -> list[str]:
         """A frame, its parent, and so on to the root."""
         frames = [frame]

@@ -211,7 +211,7 @@ def test_help_and_plain_figures(capsys, ramp_map):
         (("map", "nowhere", "-o", "out"), "nowhere"),
         (("map", RAMP, "-o", "out", "--odom-topic", "/odo"), "/odo"),
         (("map", RAMP, "-o", "out", "--scan-topic", "/odom"), "/odom is a nav_msgs/msg/Odometry"),
-        (("map", RAMP, "-o", "out", "--odom-topic", "/tf"), "/tf is a tf2_msgs/msg/TFMessage"),
+        (("map", RAMP, "-o", "out", "--odom-topic", "/scan"), "/scan is a sensor_msgs/msg/LaserSc"),
         pytest.param(("map", RAMP, "-o", "/proc/out"), "/proc/out", marks=pytest.mark.slow),
         (("map", RAMP, "-o", "out", "--scan-topic", "/scam"), "/scam"),
         (("map", RAMP, "-o", "out", "--params", "none.yaml"), "none.yaml"),

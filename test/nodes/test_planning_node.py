@@ -14,6 +14,7 @@ from grid_messages import CELL, grid
 from nav_msgs.msg import Path
 from nav_msgs.srv import GetPlan
 from node_client import LATCHED, PATIENCE, Client, mapping_node, node_process, replay, start
+from rclpy.qos import DurabilityPolicy, qos_profile_sensor_data
 from repository import BAGS
 
 from heightmap25d_msgs.msg import PlanStatus
@@ -130,7 +131,7 @@ def test_a_goal_on_a_box_is_refused_and_the_path_is_empty(after_the_ramp):
 @pytest.mark.parametrize(
     ("message", "code", "reason"),
     [
-        (pose_stamped(3.0, 0.0, frame="odom"), PlanStatus.TF_ERROR, "'odom', not 'map'"),
+        (pose_stamped(3.0, 0.0, frame="moon"), PlanStatus.TF_ERROR, "from 'moon' to 'map'"),
         (pose_stamped(math.nan, 0.0), PlanStatus.UNKNOWN, "not a place"),
         (PoseStamped(header=pose_stamped(0, 0).header), PlanStatus.NONE, ""),
         (pose_stamped(500.0, 0.0), PlanStatus.GOAL_OUTSIDE_MAP, "outside of the map"),
@@ -225,7 +226,8 @@ def test_no_message_ends_the_node_and_good_ones_still_count():
     lost = odometry(900 * MS, (math.nan, 0.0, 0.0), type_of=rclpy_type)
     with node_process("planning", namespace="/abused") as process:
         _, status = client.goal(pose_stamped(18.0, 5.0))
-        assert (status.code, status.reason) == (PlanStatus.UNKNOWN, "no map has come yet")
+        assert status.code == PlanStatus.UNKNOWN
+        assert status.reason == "no map has come yet; the goal is kept"
         for message in (short, turned):
             client.show(message)
             client.spin(0.3)  # before the next one takes its place
@@ -233,7 +235,8 @@ def test_no_message_ends_the_node_and_good_ones_still_count():
         client.show(grid(np.zeros((80, 160))))
         client.spin(0.5)
         _, status = client.goal(pose_stamped(18.0, 5.0))
-        assert (status.code, status.reason) == (PlanStatus.TF_ERROR, "no odometry has come yet")
+        assert status.code == PlanStatus.TF_ERROR
+        assert status.reason == "no odometry has come yet; the goal is kept"
         client.stand(2.0, 5.0, 1000)
         _, status = client.goal(pose_stamped(18.0, 5.0))
         assert status.code == PlanStatus.NONE
@@ -258,3 +261,24 @@ def test_a_misspelt_parameter_is_refused():
     _, log = process.communicate(timeout=PATIENCE)
     assert process.returncode == 2
     assert "did you mean planner.climb_weight?" in log
+
+
+def test_best_effort_odometry_without_a_child_frame_and_goals_in_the_robots_frame():
+    overrides = ("-p", "qos_overrides./odd/plan.publisher.durability:=volatile")
+    client = Planner("/odd")
+    with node_process("planning", *overrides, namespace="/odd") as process:
+        client.show(grid(np.zeros((80, 160))))
+        message = odometry(MS, (2.0, 5.0, 0.0), child_frame_id="", type_of=rclpy_type)
+        client.publish("odom", message, qos_profile_sensor_data)
+        path, status = client.goal(pose_stamped(3.0, 1.0, frame="base_link"))
+        assert (status.code, status.reason) == (PlanStatus.NONE, "")
+        np.testing.assert_allclose(places(path)[[0, -1], :2], [(2.0, 5.0), (5.0, 6.0)], atol=1e-6)
+        answer = client.call(
+            "planning/get_plan", GetPlan, start=pose_stamped(0.0, 0.0, frame="base_link"),
+            goal=pose_stamped(9.0, 5.0, frame="odom"),
+        )  # fmt: skip
+        np.testing.assert_allclose(places(answer.plan)[[0, -1], :2], [(2.0, 5.0), (9.0, 5.0)])
+        (publisher,) = client.node.get_publishers_info_by_topic("plan")
+        assert publisher.qos_profile.durability is DurabilityPolicy.VOLATILE
+        client.spin(5.5)  # until it reports
+    assert process.log.count("taken for 'base_link'") == 1

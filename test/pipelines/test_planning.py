@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bag_writer import header, odometry, rosbags_type
+from bag_writer import header, odometry, rosbags_type, tf_message
 from planner_worlds import World, random_place
 from repository import BAGS
 
@@ -162,7 +162,7 @@ def test_a_bad_goal_takes_the_place_of_one_that_waits():
 @pytest.mark.parametrize(
     ("goal", "status", "text"),
     [
-        (pose_stamped(*EAST, frame_id="odom"), Status.TF_ERROR, "'odom', not 'map'"),
+        (pose_stamped(*EAST, frame_id="moon"), Status.TF_ERROR, "from 'moon' to 'map'"),
         (pose_stamped(*EAST, frame_id=""), Status.TF_ERROR, "frame_id"),
         (pose_stamped(math.nan, 5.0), Status.UNKNOWN, "not a place"),
         (pose_stamped(5.0, math.inf), Status.UNKNOWN, "not a place"),
@@ -375,7 +375,7 @@ def test_plans_between_any_two_poses_need_no_odometry():
     looks = np.arctan2(plan.poses[:, 1, 0], plan.poses[:, 0, 0])
     assert looks[[0, -1]] == pytest.approx([1.0, -1.0])
     assert_refused(p.answer(pose_stamped(*WEST, frame_id="a"), nowhere[1], 0.0),
-                   Status.TF_ERROR, "start.header.frame_id")  # fmt: skip
+                   Status.TF_ERROR, "start: no transform from 'a' to 'map'")  # fmt: skip
     assert_refused(p.answer(nowhere[0], pose_stamped(math.nan, 0.0), 0.0),
                    Status.UNKNOWN, "goal.pose")  # fmt: skip
 
@@ -494,3 +494,99 @@ def test_a_first_goal_needs_the_ground_that_the_lasers_do_not_see(start_radius, 
     encode.fill_height_grid(message, mapping.maps()[0], mapping.stamp_ns, "map")
     planning.take_map(message)
     assert planning.take_goal(pose_stamped(0.7, 0.0)).status is status
+
+
+def transform(parent, child, x, y, yaw=0.0, stamp_ns=START):
+    return tf_message((stamp_ns, parent, child, (x, y, 0.0), turned(yaw)))
+
+
+def goal_in(frame_id, x, y, yaw=0.0, stamp_ns=START):
+    stamped = pose_stamped(x, y, yaw, frame_id=frame_id)
+    return SimpleNamespace(header=header(stamp_ns, frame_id), pose=stamped.pose)
+
+
+QUARTER = math.pi / 2
+
+
+@pytest.mark.parametrize("stamp_ns", [START, 0])
+@pytest.mark.parametrize("source", ["correction", "tf"])
+def test_goals_in_any_frame_are_planned_to_where_they_are_in_the_map(source, stamp_ns):
+    """The odometry is turned to the left in the map, and the robot in it once more."""
+    p = planning(FLAT, robot=None)
+    if source == "correction":
+        p.take_correction(correction(6.0, 1.0, QUARTER))
+    else:
+        p.take_transforms(transform("map", "odom", 6.0, 1.0, QUARTER), is_static=False)
+    p.take_transforms(transform("base_link", "arm", 0.5, 0.0), is_static=True)
+    p.take_transforms(transform("earth", "map", 100.0, 0.0), is_static=True)
+    p.take_odometry(at(2.0, 1.0, QUARTER))  # (5, 3) in the map, looking to the west
+    expected = {
+        ("odom", (4.0, 2.0)): (4.0, 5.0),
+        ("/odom", (4.0, 2.0)): (4.0, 5.0),
+        ("base_link", (1.0, -2.0)): (4.0, 5.0),
+        ("arm", (1.0, -2.0)): (3.5, 5.0),
+        ("earth", (104.0, 5.0)): (4.0, 5.0),
+        ("map", (4.0, 5.0)): (4.0, 5.0),
+    }
+    for (frame, place), there in expected.items():
+        plan = p.take_goal(goal_in(frame, *place, stamp_ns=stamp_ns))
+        np.testing.assert_allclose(ends(plan), [(5.0, 3.0), there], atol=1e-6, err_msg=frame)
+        answer = p.answer(
+            goal_in("base_link", 0.0, 0.0, stamp_ns=0), goal_in(frame, *place, stamp_ns=stamp_ns), 0
+        )
+        np.testing.assert_allclose(ends(answer), [(5.0, 3.0), there], atol=1e-6, err_msg=frame)
+
+
+def test_a_goal_is_transformed_at_its_stamp():
+    p = planning(FLAT)
+    later = START + 10**9
+    p.take_odometry(odometry(later, (4.0, 5.0, 0.0)))
+    for stamp, x in ((START, 4.0), (START + 5 * 10**8, 5.0), (later, 6.0), (0, 6.0)):
+        _, there = ends(p.take_goal(goal_in("base_link", 2.0, 0.0, stamp_ns=stamp)))
+        assert there == pytest.approx((x, 5.0))
+    old = p.take_goal(goal_in("base_link", 2.0, 0.0, stamp_ns=START - 10**9))
+    assert_refused(
+        old, Status.TF_ERROR, "from 'base_link' to 'map' at 999999999.000 s: that is before"
+    )
+
+
+def test_a_goal_waits_for_the_transform_at_its_stamp():
+    p = planning(FLAT)
+    goal = goal_in("base_link", 2.0, 0.0, stamp_ns=START + 10**8)
+    assert_refused(p.take_goal(goal), Status.TF_ERROR, "the goal is kept")
+    plan = p.take_odometry(odometry(START + 2 * 10**8, (3.0, 5.0, 0.0)))
+    assert ends(plan) == ((3.0, 5.0), (4.5, 5.0))
+    assert_refused(
+        p.answer(pose_stamped(*WEST), goal_in("base_link", 1.0, 0.0, stamp_ns=2 * START), 0.0),
+        Status.TF_ERROR, "goal: no transform from 'base_link' to 'map'",
+    )  # fmt: skip
+
+
+def test_a_goal_in_the_robots_frame_that_came_before_odometry():
+    p = planning(FLAT, robot=None)
+    assert_refused(
+        p.take_goal(goal_in("base_link", 1.0, 0.0)), Status.TF_ERROR, "no odometry has come yet"
+    )
+    assert ends(p.take_odometry(at(*WEST))) == (WEST, (3.0, 5.0))
+
+
+def test_odometry_without_a_child_frame_is_the_bases():
+    p = planning(FLAT, robot=None)
+    assert p.take_odometry(odometry(START, (*WEST, 0.0), child_frame_id="")) is None
+    assert_plans(p)
+    assert len(p.dropped.notices) == 1
+
+
+def test_a_robot_that_leaves_a_wall_along_its_path_gets_no_other_one():
+    p = planning(wall(NEAR), robot=None)
+    p.take_odometry(at(4.52, 6.0, QUARTER))  # 0.48 m from the middle of the wall
+    plan = p.take_goal(pose_stamped(2.0, 8.0))
+    assert ends(plan) == ((4.52, 6.0), (2.0, 8.0))
+    for T in plan.poses:
+        assert p.take_odometry(at(*T[:2, 3], math.atan2(T[1, 0], T[0, 0]))) is None
+    p = planning(wall(NEAR), robot=None)
+    p.take_odometry(at(4.52, 6.0, QUARTER))
+    p.take_goal(pose_stamped(2.0, 8.0))
+    elsewhere = wall(NEAR)
+    elsewhere[5:10, 5:10] = 90
+    assert p.take_map(grid(elsewhere)) is None
