@@ -105,7 +105,8 @@ class Diagnostics:
         def take(message: Any) -> None:
             counted.received += 1
             if entry.kind is Odometry:
-                self._flatness.observe(message)
+                pose = message.pose.pose
+                self._flatness.observe(pose.position.z, pose.orientation.x, pose.orientation.y)
             entry.callback(message)
 
         subscription = self._node.create_subscription(entry.kind, entry.topic, take, entry.profile)

@@ -5,10 +5,10 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict, deque
-from typing import Any
 
 import numpy as np
 
+from heightmap25d_ros.io.decode import Odometry
 from heightmap25d_ros.mapping.sensor_model import Scan, no_returns
 from heightmap25d_ros.pipelines.drops import BELOW_RANGE_MIN, BEYOND_RANGE_MAX, Drops
 
@@ -32,18 +32,17 @@ LONGER = 1.25
 
 
 class Flatness:
-    """Counts messages of odometry for as long as all of them lie exactly in the plane."""
+    """Counts poses of the odometry for as long as all of them lie exactly in the plane."""
 
     def __init__(self) -> None:
         self.poses = 0
         self._is_flat = True
 
-    def observe(self, message: Any) -> None:
-        """Look at a nav_msgs/Odometry."""
+    def observe(self, z: float, x: float, y: float) -> None:
+        """Look at a pose: its z, and x and y of its quaternion, or of its z axis."""
         if not self._is_flat:
             return
-        position, turn = message.pose.pose.position, message.pose.pose.orientation
-        self._is_flat = position.z == turn.x == turn.y == 0.0
+        self._is_flat = z == x == y == 0.0
         self.poses = self.poses + 1 if self._is_flat else 0
 
 
@@ -70,9 +69,11 @@ class InputWatch:
         self._offsets: dict[str, deque[float]] = defaultdict(lambda: deque(maxlen=_RECENT))
         self._odometry: deque[int] = deque(maxlen=_RECENT)
 
-    def observe_odometry(self, stamp_ns: int) -> None:
+    def observe_odometry(self, odometry: Odometry) -> None:
         """A pose has come."""
-        self._odometry.append(stamp_ns)
+        self._odometry.append(odometry.stamp_ns)
+        T = odometry.T
+        self.flatness.observe(T[2, 3], T[0, 2], T[1, 2])
 
     def observe_scan(self, topic: str, scan: Scan) -> None:
         """A scan has come, after the newest pose."""

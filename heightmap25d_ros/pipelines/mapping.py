@@ -148,8 +148,7 @@ class Mapping:
         return self._merge(self._queue.take_scan(topic, message))
 
     def take_odometry(self, message: Any) -> list[Reading]:
-        """Take a nav_msgs/Odometry in."""
-        self.watch.flatness.observe(message)
+        """Take a pose of the robot in, see `robot_pose`."""
         return self._merge(self._queue.take_odometry(message))
 
     def take_transforms(self, message: Any, *, is_static: bool) -> list[Reading]:

@@ -190,7 +190,7 @@ class ScanQueue:
             for topic in self._params.scan_topics:
                 self._newest_ns.setdefault(topic, stamp - 1)
             self.odometry, self._odom_frame, self._odom_stamp_ns = admitted, frame, stamp
-            self.watch.observe_odometry(stamp)
+            self.watch.observe_odometry(admitted)
             child = admitted.child_frame_id
             self._odometry.add([Transform(parent=frame, child=child, stamp_ns=stamp, T=admitted.T)])
         return self._release()

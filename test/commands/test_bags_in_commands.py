@@ -21,7 +21,7 @@ def drive(static_at=0, scan_frame="laser"):
     events = [("/tf_static", START + static_at * STEP, mount)]
     for index in range(21):
         stamp = START + index * STEP
-        events.append(("/odom", stamp, odometry(stamp)))
+        events.append(("/odom", stamp, odometry(stamp, (0.0, 0.0, 0.001))))  # 3-D
         if index < 20:
             events.append(("/scan", stamp + 1, laser_scan(stamp + 1, [1.4] * 11)))
     return events
