@@ -17,6 +17,8 @@ from rcl_interfaces.srv import (
 )
 from rclpy.parameter import Parameter
 
+from heightmap25d_ros.nodes.mapping import MappingNode
+from heightmap25d_ros.nodes.parameters import used_by
 from heightmap25d_ros.params.by_name import flatten, is_live
 from heightmap25d_ros.params.sections import Params
 
@@ -113,7 +115,7 @@ def test_parameters_are_set_together_or_not_at_all(stepped):
         ({"traversability__max_step": 20.0}, "max_step out of range Min: 0.01, Max: 10.0"),
         ({"traversability__max_step": "high"}, "Wrong parameter type"),
         ({"traversability__robot_radius": 5.0, "grid__resolution": 1.0}, "read-only"),
-        ({"traversability__max_stop": 0.2}, "undeclared parameter"),
+        ({"traversability__max_stop": 0.2}, "unknown; did you mean traversability.max_step?"),
     ],
 )
 def test_what_cannot_be_set_is_refused_with_a_reason(stepped, values, reason):
@@ -142,7 +144,7 @@ def test_the_rate_of_publishing_changes_at_once(stepped):
 def test_all_parameters_can_be_read_at_once(tmp_path):
     client = Setter("mapping", "/dumped")
     with mapping_node(tmp_path, namespace="/dumped"):
-        names = list(flatten(Params()))
+        names = list(used_by(Params(), MappingNode.PARAMETERS))
         values = client.call("mapping/get_parameters", GetParameters, names=names).values
         assert len(values) == len(names)
         types = {name: value.type for name, value in zip(names, values, strict=True)}

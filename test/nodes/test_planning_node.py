@@ -104,8 +104,8 @@ def test_a_goal_across_the_ramp_gets_a_path_that_climbs_it(after_the_ramp):
     assert math.degrees(status.steepest_slope) == pytest.approx(7.1, abs=1.5)
     ground = read_ground(RAMP / "truth" / "surface.npz")
     driven = evaluate_path(ground, np.column_stack([xyz[:, :2], headings(path)]), 0.78, 0.64)
-    assert driven.largest_step < 0.1  # never over the edge of the ramp, nor against a wall
-    assert math.degrees(driven.steepest_slope) < 9.0
+    assert driven.largest_step_m < 0.1  # never over the edge of the ramp, nor against a wall
+    assert math.degrees(driven.steepest_slope_rad) < 9.0
 
 
 def test_the_poses_lie_on_the_ramp(after_the_ramp):
