@@ -155,6 +155,24 @@ def _range_to_ground(
         return np.where(fall > 0.0, np.maximum(height, 0.0) / fall, np.inf)
 
 
+def _in_box(
+    ends: NDArray[np.float64], T_base_sensor: se3.Matrix, corners: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """(N,): whether ends (N, 2) [m] in the plane of the scan lie in a box of base_link.
+
+    Parameters
+    ----------
+    ends : (N, 2) float64 [m]
+    T_base_sensor : (N, 4, 4) or (1, 4, 4) float64
+    corners : (2, 3) float64 [m]
+        Two opposite ones.
+    """
+    axes = T_base_sensor[:, :3, :2]
+    in_base = T_base_sensor[:, :3, 3] + axes[:, :, 0] * ends[:, :1] + axes[:, :, 1] * ends[:, 1:]
+    lowest, highest = corners.min(axis=0), corners.max(axis=0)
+    return np.asarray(((in_base >= lowest) & (in_base <= highest)).all(axis=1))
+
+
 def _poses(name: str, poses: ArrayLike, count: int) -> se3.Matrix:
     """(N, 4, 4) or (1, 4, 4): poses of so many beams."""
     stack = np.asarray(poses, np.float64)
@@ -175,10 +193,10 @@ def beams(
 
     No return (+inf, see `no_returns`): clears to ``clearing_range``, ``range_max`` or the plane of
     base_link, the nearest one: below the ground on which the robot stands there is no free space,
-    so that such a beam was absorbed or deflected. NaN, -inf, 0 and values outside of ``range_min
-    .. range_max`` or below ``min_range``: no beam. Returns beyond ``max_range`` clear up to there,
-    and returns outside of the window ``min_height .. max_height`` above base_link clear up to the
-    return; neither hits.
+    so that such a beam was absorbed or deflected. NaN, -inf, 0, values outside of ``range_min ..
+    range_max`` or below ``min_range``, and returns from the robot's ``body_box``: no beam. Returns
+    beyond ``max_range`` clear up to there, and returns outside of the window ``min_height ..
+    max_height`` above base_link clear up to the return; neither hits.
 
     Parameters
     ----------
@@ -212,6 +230,9 @@ def beams(
     is_return = (ranges >= nearest) & (ranges <= scan.range_max) & (ranges > 0.0) & ~is_miss
     angles = scan.angle_min + scan.angle_increment * np.arange(len(ranges))
     in_plane = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    if params.body_box:
+        ends = np.where(is_return, ranges, 0.0)[:, None] * in_plane
+        is_return &= ~_in_box(ends, T_base_sensor, np.reshape(params.body_box, (2, 3)))
     cleared = np.minimum(
         min(params.clearing_range, scan.range_max), _range_to_ground(in_plane, T_base_sensor)
     )

@@ -35,6 +35,10 @@ class SensorParams(Section):
         0.0, "returns at a shorter range (the robot's own body) are ignored", "m",
         low=0.0, high=10.0,
     )  # fmt: skip
+    body_box: tuple[float, ...] = parameter(
+        (), "x, y, z of two opposite corners of a box in base_link: returns in it are from the "
+        "robot's own body, and are ignored; empty: none", "m", low=-100.0, high=100.0,
+    )  # fmt: skip
     max_range: float = parameter(
         30.0, "returns at a longer range clear cells up to this range, and mark none", "m",
         low=0.5, high=200.0,
@@ -78,6 +82,11 @@ class SensorParams(Section):
                 raise InputError(
                     f"parameter sensor.{name}: needs two numbers, at 0 m and at max_range"
                 )
+        if len(self.body_box) not in (0, 6):
+            raise InputError(
+                f"parameter sensor.body_box: {len(self.body_box)} numbers; needs six, x, y, z of "
+                "two corners, or none"
+            )
         if self.min_height >= self.max_height:
             raise InputError("parameter sensor.min_height: must be below max_height")
         if any(o <= e for o, e in zip(self.hit_given_object, self.hit_given_empty, strict=True)):

@@ -1,11 +1,14 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from heightmap25d_ros import se3
+from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.mapping.sensor_model import Scan, beams, lone_returns, no_returns
 from heightmap25d_ros.params.sections import SensorParams
 
@@ -44,6 +47,27 @@ def test_each_beam_leaves_from_where_the_robot_was_at_its_time():
     result = beams(scan([1.0, 1.0, 1.0], time_increment=0.1), poses, LEVEL, UP)
     np.testing.assert_allclose(result.origins[:, 0], [0, 0.5, 1.0])
     np.testing.assert_allclose(result.ends[:, :2], [(1, 0), (0.5, 1), (0, 0)], atol=1e-12)
+
+
+def test_returns_from_the_robots_own_body_make_no_beam():
+    """Ahead, left and back, at a laser 0.4 m up and 0.3 m ahead."""
+    mount = se3.from_xyz_rpy([[0.3, 0.0, 0.4, 0.0, 0.0, 0.0]])
+    turned = se3.from_xyz_rpy([[5.0, 1.0, 0.0, 0.0, 0.0, 2.0]])  # the box turns with the robot
+    body = dataclasses.replace(UP, body_box=(0.35, -0.3, 0.8, -0.35, 0.3, 0.0))
+    for ranges, kept in (
+        ([0.04, 0.29, 0.6], 0),
+        ([0.06, 0.31, 0.7], 3),
+        ([0.04, np.inf, 0.6], 1),
+        ([0.06, 0.29, 0.6], 1),
+    ):
+        assert len(beams(scan(ranges, range_min=0.01), turned, mount, body).ends) == kept, ranges
+    above = se3.from_xyz_rpy([[0.0, 0.0, 0.81, 0.0, 0.0, 0.0]])
+    assert len(beams(scan([0.2] * 3), LEVEL, above, body).ends) == 3
+
+
+def test_a_body_box_needs_two_corners():
+    with pytest.raises(InputError, match=r"sensor\.body_box: 3 numbers; needs six"):
+        SensorParams(body_box=(1.0, 2.0, 3.0))
 
 
 def test_beam_stamps_follow_the_time_increment():
