@@ -14,7 +14,7 @@ demo-loop: build ## a simulated robot maps a ramp, plans and drives back over it
 	@source env.sh && python studies/closed_loop.py
 
 test: build ## all tests: 6 to 8 minutes on 2 cores
-	@source env.sh && python -m pytest test
+	@source env.sh && python -m pytest -n auto --dist loadfile test
 
 check: build ## style, types and the quick tests: a minute; before each commit
 	@source env.sh && ruff check && ruff format --check && mypy && \
