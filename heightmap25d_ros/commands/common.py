@@ -68,7 +68,8 @@ def add_topics(command: argparse.ArgumentParser) -> None:
                          help="3-D poses: Odometry, PoseStamped, PoseWithCovarianceStamped, or /tf "
                          "(default: of intake.pose_source, /odom or the only one)")  # fmt: skip
     command.add_argument("--scan-topic", metavar="T", action="append", default=[],
-                         help="a laser, repeatable (default: every LaserScan topic)")  # fmt: skip
+                         help="a laser, repeatable (default: intake.scan_topics of --params, or "
+                              "every LaserScan topic)")  # fmt: skip
 
 
 def check_output(directory: Path) -> None:

@@ -94,15 +94,19 @@ class Step(Generic[_Outcome]):
 
 
 def with_scan_topics(settings: Params, bag: Bag, chosen: Sequence[str]) -> Params:
-    """The parameters with the scan topics of this bag in them: the chosen ones, or all.
+    """The parameters with scan topics of this bag in them.
+
+    The chosen ones, those that the parameters name, or, where they name none but the default, all.
 
     Raises
     ------
     InputError
         If the bag lacks one of them.
     """
-    named = [f"/{topic.lstrip('/')}" for topic in settings.intake.scan_topics]
-    topics = chosen or (named if settings.intake.mounts else bag.scan_topics())
+    intake = settings.intake
+    named = [f"/{topic.lstrip('/')}" for topic in intake.scan_topics]
+    is_named = intake.mounts or intake.scan_topics != IntakeParams().scan_topics
+    topics = chosen or (named if is_named else bag.scan_topics())
     for topic in topics:
         bag.require(topic, LASER_SCAN)
     return with_values(settings, {"intake.scan_topics": list(topics)})

@@ -157,6 +157,18 @@ def test_the_maps_size_is_the_papers(ramp_map):
     assert height_map.height.size + height_map.probability.size == 32_768
 
 
+def test_scan_topics_of_a_parameter_file_are_those_that_are_mapped(capsys, tmp_path):
+    params = tmp_path / "params.yaml"
+    params.write_text("/**: {ros__parameters: {intake: {scan_topics: [scan_down]}}}\n")
+    _, by_file, _ = run(capsys, "map", RAMP, "-o", tmp_path / "file", "--params", params)
+    _, by_option, _ = run(capsys, "map", RAMP, "-o", tmp_path / "o", "--scan-topic", "/scan_down")
+    assert by_file["sha256"] == by_option["sha256"]
+    params.write_text("/**: {ros__parameters: {intake: {scan_topics: [scan_up]}}}\n")
+    status, _, error = run(capsys, "map", RAMP, "-o", tmp_path / "none", "--params", params)
+    assert status == 2
+    assert "/scan_up" in error
+
+
 @pytest.mark.slow
 def test_one_laser_of_two(capsys, tmp_path):
     _, figures, _ = run(capsys, "map", RAMP, "-o", tmp_path / "level", "--scan-topic", "/scan")
