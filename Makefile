@@ -13,7 +13,7 @@ demo: build ## a recorded bag through the real nodes to a map, under out/demo/
 demo-loop: build ## a simulated robot maps a ramp, plans and drives back over it; out/closed_loop/
 	@source env.sh && python studies/closed_loop.py
 
-test: build ## all tests: 6 to 8 minutes on 2 cores
+test: build ## all tests: 8 to 10 minutes on 2 cores
 	@source env.sh && python -m pytest -n auto --dist loadfile test
 
 check: build ## style, types and the quick tests: a minute; before each commit
