@@ -29,7 +29,6 @@ from heightmap25d_ros.evaluation.map_error import evaluate_map
 from heightmap25d_ros.evaluation.truth import read_goals, read_truth
 from heightmap25d_ros.grid.height_map import Area, Geometry
 from heightmap25d_ros.io.bag import Bag
-from heightmap25d_ros.mapping import sensor_model
 from heightmap25d_ros.params.by_name import with_values
 from heightmap25d_ros.params.sections import Params, SensorParams
 from heightmap25d_ros.pipelines.mapping import Mapping
@@ -287,9 +286,7 @@ def looked_through(
     through = np.zeros(place.shape, bool)
     if not place.any():
         return through
-    beams = sensor_model.beams(
-        reading.scan, reading.T_map_base, reading.T_base_sensor, SensorParams()
-    )
+    beams = reading.beams(SensorParams())
     rows, columns = np.nonzero(place)
     low = geometry.cell_corner((rows.min(), columns.min()))
     high = geometry.cell_corner((rows.max() + 1, columns.max() + 1))

@@ -256,15 +256,6 @@ class ScanFilter:
         error[_Z] = registration.z
         self._correct(error, information, precision, T_odom_base)
 
-    def widen(self, registration: Registration) -> None:
-        """Grow by the offset of a registration that is right though it is far from the prior."""
-        grown = np.zeros((8, 8))
-        grown[_PLANAR] = np.outer(registration.offset, registration.offset)
-        self._covariance = self._covariance + grown
-
-    def inflate(self) -> None:
-        """A registration disagreed by far; see `widen`."""
-
 
 def _yaw(T: se3.Matrix) -> float:
     return float(np.arctan2(T[1, 0], T[0, 0]))

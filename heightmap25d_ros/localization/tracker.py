@@ -132,7 +132,6 @@ class Tracker:
         self._is_search_wanted = False
         self.landmarks: Landmarks | None = None
         self._window = ScanWindow(params.scan_filter)
-        self._odometry_errors = unknown_errors(params)
         self.set_pose(T_map_odom, covariance)
 
     def set_params(self, params: Params) -> None:
@@ -152,7 +151,7 @@ class Tracker:
     def _estimate_at(self, T_map_odom: se3.Matrix, covariance: Array) -> PoseFilter | ScanFilter:
         if self.landmarks is None:
             return PoseFilter(self._params.localization, T_map_odom, covariance)
-        return ScanFilter(self._params, T_map_odom, covariance, self._odometry_errors)
+        return ScanFilter(self._params, T_map_odom, covariance, unknown_errors(self._params))
 
     def set_pose(self, T_map_odom: se3.Matrix, covariance: Array) -> None:
         """Replace the estimate by another pose."""
@@ -312,7 +311,7 @@ class Tracker:
                 # Scans have found the place already, and better.
                 found = replace(found, offset=np.zeros(3), z=0.0)
             estimate.correct(found, view.T_odom_base)
-        elif found.reason is Reason.FAR_FROM_PRIOR:
+        elif found.reason is Reason.FAR_FROM_PRIOR and isinstance(estimate, PoseFilter):
             estimate.inflate()
         return found
 

@@ -299,13 +299,7 @@ class Localizer:
         attempts = []
         for reading in readings:
             self.watch.observe_ranges(reading.scan, self._params.sensor.no_return, self.dropped)
-            beams = sensor_model.beams(
-                reading.scan,
-                reading.T_map_base,
-                reading.T_base_sensor,
-                self._params.sensor,
-                self._params.mapper.lone_return,
-            )
+            beams = reading.beams(self._params.sensor, self._params.mapper.lone_return)
             attempt = self._tracker.integrate(beams, reading.T_map_base[-1], reading.scan.stamp_ns)
             if attempt is not None:
                 attempts.append(attempt)

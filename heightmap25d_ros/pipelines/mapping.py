@@ -266,13 +266,7 @@ class Mapping:
         for reading in readings:
             if not self._has_begun:
                 self._begin(reading.T_map_base[0])
-            beams = sensor_model.beams(
-                reading.scan,
-                reading.T_map_base,
-                reading.T_base_sensor,
-                self._params.sensor,
-                self._params.mapper.lone_return,
-            )
+            beams = reading.beams(self._params.sensor, self._params.mapper.lone_return)
             result = self._mapper.integrate(beams)
             if self._layers is not None:
                 self._layers.integrate(beams)

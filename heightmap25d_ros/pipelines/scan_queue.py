@@ -21,8 +21,9 @@ from heightmap25d_ros import se3
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.io import decode
 from heightmap25d_ros.io.decode import Odometry, Transform
-from heightmap25d_ros.mapping.sensor_model import Scan
-from heightmap25d_ros.params.sections import IntakeParams, OdometryParams
+from heightmap25d_ros.mapping import sensor_model
+from heightmap25d_ros.mapping.sensor_model import Beams, Scan
+from heightmap25d_ros.params.sections import IntakeParams, OdometryParams, SensorParams
 from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.input_watch import InputWatch
 from heightmap25d_ros.pipelines.map_correction import MapCorrection
@@ -37,7 +38,7 @@ HISTORY = 30.0  # [s] beyond ``wait_limit`` that poses are kept, for lasers whos
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """A scan with its poses, ready for `sensor.beams`.
+    """A scan with its poses.
 
     Attributes
     ----------
@@ -51,6 +52,12 @@ class Reading:
     scan: Scan
     T_map_base: se3.Matrix
     T_base_sensor: se3.Matrix
+
+    def beams(self, sensor: SensorParams, lone_return: float = 0.0) -> Beams:
+        """Its beams in the map, see `sensor_model.beams`."""
+        return sensor_model.beams(
+            self.scan, self.T_map_base, self.T_base_sensor, sensor, lone_return
+        )
 
 
 @dataclass(frozen=True, slots=True)

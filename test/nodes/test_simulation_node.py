@@ -4,16 +4,14 @@
 
 from __future__ import annotations
 
-import signal
 import subprocess
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager
 
 import pytest
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
-from node_client import LATCHED, PATIENCE, Client, start
+from node_client import LATCHED, PATIENCE, Client, node_process, start
 from rclpy.qos import qos_profile_sensor_data
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
@@ -32,17 +30,6 @@ KINDS = {
     "/tf_static": (TFMessage, LATCHED),
     "/clock": (Clock, 10),
 }
-
-
-@contextmanager
-def simulator(*arguments: str) -> Iterator[subprocess.Popen[str]]:
-    process = start("nodes.simulator", "--ros-args", *arguments, stderr=subprocess.PIPE)
-    try:
-        yield process
-    finally:
-        process.send_signal(signal.SIGINT)
-        _, process.log = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 0, process.log
 
 
 @pytest.fixture
@@ -73,7 +60,7 @@ def test_robot_drives_on_command_and_stops_without(client: Client) -> None:
 
     for topic, (kind, quality) in KINDS.items():
         client.node.create_subscription(kind, topic, keep(topic), quality)
-    with simulator("-p", "simulator.world:=moving", "-p", "simulator.rate:=3.0"):
+    with node_process("simulator", "-p", "simulator.world:=moving", "-p", "simulator.rate:=3.0"):
         client.wait(lambda: len(newest) == len(KINDS))
         command = Twist()
         command.linear.x = 0.8
