@@ -306,9 +306,12 @@ def _without(graph: TransitionGraph, cell: Cell) -> TransitionGraph:
 @cache
 def compile_kernels() -> None:
     """Compile, or load from numba's cache, all that a plan needs."""
+    heights = np.zeros((32, 32))
+    heights[10, :16] = 1.0  # a wall, with its near side under the robot at the second start
     planner = Planner.from_height_map(
-        HeightMap.from_metres(np.zeros((32, 32))), params=PlannerParams(timeout=600.0)
+        HeightMap.from_metres(heights), params=PlannerParams(timeout=600.0)
     )
-    start, goal = Pose2D(1.0, 1.0, yaw=0.0), Pose2D(3.0, 2.0, yaw=0.0)
-    for is_field_wanted in (False, True):
-        planner._plan(start, goal, True, is_field_wanted, time.monotonic())
+    goal = Pose2D(3.0, 3.0, yaw=0.0)
+    for start in (Pose2D(3.0, 1.0, yaw=0.0), Pose2D(1.0, 1.0, yaw=0.0)):
+        for is_field_wanted in (False, True):
+            planner._plan(start, goal, True, is_field_wanted, time.monotonic())
