@@ -14,11 +14,11 @@ demo-loop: build ## a simulated robot maps a ramp, plans and drives back over it
 	@source env.sh && python studies/closed_loop.py
 
 test: build ## all tests: 8 to 10 minutes on 2 cores
-	@source env.sh && python -m pytest -n auto --dist loadfile test
+	@source env.sh && python -m pytest -n auto --dist loadgroup test
 
 check: build ## style, types and the quick tests: a minute; before each commit
 	@source env.sh && ruff check && ruff format --check && mypy && \
-	  python -m pytest -q -m "not slow" -n auto --dist loadfile test
+	  python -m pytest -q -m "not slow" -n auto --dist loadgroup test
 
 bench: build ## the measurements, also as out/bench.json
 	@source env.sh && pip install -qq --constraint .venv/pins.txt \

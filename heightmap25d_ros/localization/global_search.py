@@ -73,7 +73,8 @@ def relocalize(
     ratio = float(scores[best] / scores[is_other].min()) if is_other.any() else 0.0
     found = matching.match(points, minima[best], surface, cost)
     reason = Reason.ACCEPTED
-    if found.overlap < params.min_overlap:
+    # Without a prior a robot that sees beyond the map could be at any of its borders.
+    if found.known < params.min_overlap:
         reason = Reason.LITTLE_OVERLAP
     elif found.residual > params.max_residual:
         reason = Reason.HIGH_RESIDUAL
@@ -81,7 +82,7 @@ def relocalize(
         reason = Reason.AMBIGUOUS
     return Registration(
         reason=reason, offset=minima[best], z=found.z, information=np.zeros((3, 3)),
-        overlap=found.overlap, residual=found.residual, ratio=ratio, points=len(points.xyz),
+        overlap=found.known, residual=found.residual, ratio=ratio, points=len(points.xyz),
     )  # fmt: skip
 
 

@@ -110,14 +110,18 @@ class Match(NamedTuple):
     score : float [m]
     z : float [m]
         To be added to the points' heights.
-    overlap : float
+    known : float
         Share of the points, by weight, that lie over known cells.
+    overlap : float
+        That share of the points at places that the map covers, within `surface.NEAR` cells of known
+        ones; at least half of all points are taken for such.
     residual : float [m]
         Mean cost of these.
     """
 
     score: float
     z: float
+    known: float
     overlap: float
     residual: float
 
@@ -267,7 +271,7 @@ def _match(  # noqa: PLR0913
     columns, rows = np.empty(len(xyz), np.int64), np.empty(len(xyz), np.int64)
     _positions(xyz, yaw, u0 + x * per_metre, v0 + y * per_metre, per_metre, u, v, columns, rows)
     z = _z_error(columns, rows, 0, 0, xyz, edge, heights, edges, z_range, counts)
-    over_known = known = counted = weights = 0.0
+    over_known = known = counted = covered = weights = 0.0
     for i in range(len(xyz)):
         left, low = np.floor(u[i] - 0.5), np.floor(v[i] - 0.5)
         a, b = u[i] - 0.5 - left, v[i] - 0.5 - low
@@ -286,10 +290,12 @@ def _match(  # noqa: PLR0913
                     )
                 elif edge[i] and counts_there[iy, ix]:
                     counted += share
-    weights = max(weights, 1e-12)
-    counted = max(counted, _LEAST_COUNTED * weights)
+                if counts_there[iy, ix]:
+                    covered += share
+    least = max(_LEAST_COUNTED * weights, 1e-12)
+    counted, covered = max(counted, least), max(covered, least)
     score = (over_known + (counted - known) * unknown * clip) / counted
-    return score, z, known / weights, over_known / max(known, 1e-12)
+    return score, z, known / max(weights, 1e-12), known / covered, over_known / max(known, 1e-12)
 
 
 @kernel

@@ -66,7 +66,7 @@ class Registration:
     information : (3, 3) float64
         Inverse of the covariance of the offset; zero along directions that are not observed.
     overlap : float
-        Share of the points over known cells.
+        Share of the points over known cells, among those at places that the map covers.
     residual : float [m]
         Mean cost of these.
     ratio : float

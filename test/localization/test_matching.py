@@ -150,6 +150,8 @@ def test_what_lies_beyond_the_map_draws_nowhere(is_edge):
     ]
     # Were the points beyond all counted, each cell would gain a clip's 240th.
     assert np.abs(np.diff(scores)).max() < COST.clip / 240 / 5
+    # And what the map cannot cover is no lack of overlap.
+    assert match(wall, np.zeros(3), over, COST).overlap > 0.9
     across = match(wall, np.array([0.0, 0.25, 0.0]), over, COST)
     assert across.score > scores[0] + COST.clip / 2
 
