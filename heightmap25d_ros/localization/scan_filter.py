@@ -29,6 +29,8 @@ _FORGETTING = 1e-4  # share of a constant's prior variance that a metre adds to 
 _Z_VARIANCE = 0.05**2  # [m^2] of a pose from elsewhere
 _SLIP_LENGTH = 20.0  # [m] over which the variance of the slip is learned
 _LEAST_SLIP = 0.01
+_TURN_LENGTH = 6.0  # [rad] of turning over which the noise of turns is learned
+_MOST_TURN_NOISE = 0.2  # [rad] that a radian of turning adds to the yaw at most
 _NEAR, _NEAR_YAW = 0.08, 0.03  # [m], [rad] deviation of a pose near which scans search
 _SAME_PLACE, _SAME_YAW = 0.12, 0.05  # [m], [rad] between a registration and what scans found
 _MOST_RESIDUAL = 0.05  # [m] mean distance from the map, of at most 0.1 m a return
@@ -47,11 +49,14 @@ class OdometryErrors:
     covariance : (4, 4) float64
     slip_variance : float
         About which the slip comes and goes.
+    turn_variance : float [rad]
+        That turning by a radian adds to the yaw [rad^2], besides these.
     """
 
     mean: Array
     covariance: Array
     slip_variance: float
+    turn_variance: float
 
 
 def unknown_errors(params: Params) -> OdometryErrors:
@@ -59,7 +64,10 @@ def unknown_errors(params: Params) -> OdometryErrors:
     prior = params.scan_filter
     spread = (prior.slip, prior.distance_scale, prior.turn_scale, prior.heading_bias)
     return OdometryErrors(
-        mean=np.zeros(4), covariance=np.diag(np.square(spread)), slip_variance=prior.slip**2
+        mean=np.zeros(4),
+        covariance=np.diag(np.square(spread)),
+        slip_variance=prior.slip**2,
+        turn_variance=prior.turn_noise**2,
     )
 
 
@@ -90,6 +98,8 @@ class ScanFilter:
         self._covariance[4:, 4:] = errors.covariance
         self._mean = errors.mean.copy()
         self._slip_variance = errors.slip_variance
+        self._turn_variance = errors.turn_variance
+        self._turned = 0.0  # [rad] since the last update
         self._is_settling = False
 
     @property
@@ -110,6 +120,7 @@ class ScanFilter:
             mean=self._mean.copy(),
             covariance=self._covariance[4:, 4:].copy(),
             slip_variance=self._slip_variance,
+            turn_variance=self._turn_variance,
         )
 
     def predict(self, T_odom_before: se3.Matrix, T_odom_base: se3.Matrix, _: float = 0.0) -> None:
@@ -140,7 +151,8 @@ class ScanFilter:
         params, diagonal = self._params.scan_filter, np.zeros(8)
         drift = distance + _RADIAN * turn
         diagonal[[_X, _Y]] = params.position_drift**2 * drift
-        diagonal[_YAW] = params.yaw_drift**2 * drift
+        diagonal[_YAW] = params.yaw_drift**2 * distance + self._turn_variance * turn
+        self._turned += turn
         diagonal[_Z] = params.z_drift**2 * distance
         diagonal[_SLIP] = (1.0 - kept**2) * self._slip_variance
         prior = np.square([params.distance_scale, params.turn_scale, params.heading_bias])
@@ -167,6 +179,7 @@ class ScanFilter:
         )
         reason = self._judged(found)
         if reason in (Reason.ACCEPTED, Reason.UNOBSERVED):
+            self._learn_turns(found, precision)
             self._correct(found.error[_POSE], found.information, precision, T_odom_base)
         return Registration(
             reason=reason,
@@ -178,6 +191,25 @@ class ScanFilter:
             ratio=0.0,
             points=len(returns),
         )
+
+    def _learn_turns(self, found: Update, precision: Array) -> None:
+        """Learn the noise of turns from what an update tells of the yaw since the one before.
+
+        One step of expectation maximisation, forgetting over some radians: of the yaw that noise
+        added, the update gives mean and variance.
+        """
+        if self._turned == 0.0:
+            return
+        added = self._turn_variance * self._turned
+        prior = self._covariance[_YAW, _YAW]
+        share = min(added / prior, 1.0)
+        after = np.linalg.inv(precision + found.information)[_YAW, _YAW]
+        squared = (share * found.error[_YAW]) ** 2 + added - share**2 * max(prior - after, 0.0)
+        part = min(self._turned / _TURN_LENGTH, 1.0)
+        self._turn_variance += part * (squared / self._turned - self._turn_variance)
+        least = self._params.scan_filter.yaw_drift**2
+        self._turn_variance = float(np.clip(self._turn_variance, least, _MOST_TURN_NOISE**2))
+        self._turned = 0.0
 
     def settle(self, returns: Array, T_odom_base: se3.Matrix, landmarks: Landmarks) -> None:
         """As `update`, but the pose stays as uncertain as it is: this may be another place."""

@@ -257,6 +257,8 @@ class Tracker:
             estimate.settle(returns, T_odom_base, self.landmarks)
             return None
         found = estimate.update(returns, T_odom_base, self.landmarks)
+        if found.reason not in CONTRADICTIONS:
+            self._window.confirm()
         if distance - self._attempt_distance < self._params.localization.interval:
             return None
         self._attempt_distance = distance

@@ -537,6 +537,10 @@ class ScanFilterParams(Section):
     turn_scale: float = parameter(
         0.03, "standard deviation of a constant error of turns, per turn", low=0.0, high=1.0
     )
+    turn_noise: float = parameter(
+        0.02, "standard deviation that a radian of turning adds to the yaw, at the start", "rad",
+        low=0.0, high=1.0,
+    )  # fmt: skip
     heading_bias: float = parameter(
         0.02, "standard deviation of a constant turn of the heading, per distance", "rad/m",
         low=0.0, high=1.0,

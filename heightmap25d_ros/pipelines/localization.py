@@ -20,7 +20,7 @@ from heightmap25d_ros.localization import matching, registration, scan_update
 from heightmap25d_ros.localization.landmarks import Landmarks, landmarks_of
 from heightmap25d_ros.localization.layers import LayerMap
 from heightmap25d_ros.localization.pose_filter import SmoothCorrection
-from heightmap25d_ros.localization.short_term import ShortTermMaps, distance_travelled
+from heightmap25d_ros.localization.short_term import ShortTermMaps
 from heightmap25d_ros.localization.surface import Surface, surface_of
 from heightmap25d_ros.localization.tracker import Attempt, Tracker
 from heightmap25d_ros.localization.tracking_state import State
@@ -32,7 +32,6 @@ from heightmap25d_ros.pipelines.odometry_gate import Jump
 from heightmap25d_ros.pipelines.scan_queue import Reading, ScanQueue
 from heightmap25d_ros.pipelines.transform_buffer import JUMP_BACK_NS
 
-_STILL = 0.01  # [m/s] of way below which the robot stands; nothing is corrected then
 _LEAST_COVARIANCE = np.diag(np.square([0.01, 0.01, 0.001]))  # nobody is surer of a pose
 _AROUND = 2  # [cells] around a place that tell the height of the ground there
 
@@ -313,5 +312,4 @@ class Localizer:
             self._smooth.T_map_odom = target
             return
         seconds = (odometry.stamp_ns - before.stamp_ns) * 1e-9
-        if distance_travelled(before.T, odometry.T) > _STILL * seconds:
-            self._smooth.follow(target, odometry.T, seconds)
+        self._smooth.follow(target, odometry.T, seconds)
