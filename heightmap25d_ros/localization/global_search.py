@@ -48,6 +48,7 @@ _DISTINCT = 3.0  # [cells] between two distinct poses
 _Z_RANGE = 3.0  # [m] where the ground under the robot was not seen
 _AROUND, _OF_GROUND = 4.0, 30  # [m] from the robot, and number of points, that tell its ground
 _LEAST_GROUND = 5
+_UNSEEN = 0.3  # of the clip: mean cost of points at a wrong place
 _MOST = 0.5  # of the cost of an unknown cell: no worse place is looked for
 
 
@@ -77,11 +78,14 @@ class Candidate:
         To be added to its z.
     score : float [m]
         Of `matching.match`, with ``search_points`` of the points.
+    known : float
+        Share of these that lie over known cells.
     """
 
     offset: Array
     z: float
     score: float
+    known: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -269,8 +273,8 @@ class GlobalSearch:
             yaw * same, (LEVELS - 1) * same, rows.ravel(), columns.ravel()
         ]).astype(np.int32)  # fmt: skip
 
-    def _first_guess(self, nodes: NDArray[np.int32]) -> float:
-        """Score of the best of some places: the best nodes of each level lead to them."""
+    def _first_guess(self, nodes: NDArray[np.int32]) -> Candidate:
+        """The best of some places: the best nodes of each level lead to them."""
         shape = self._surface.heights.shape
         nodes = nodes[:_BEAM]
         while nodes[0, 1] > 0:
@@ -279,15 +283,20 @@ class GlobalSearch:
             nodes = nodes[np.argsort(bounds, kind="stable")[:_BEAM]]
         return self._best_of(nodes)
 
-    def _best_of(self, leaves: NDArray[np.int32]) -> float:
-        """Score of the best pose that the most promising leaves lead to."""
-        return min(
-            self._refined(start, self._few, _COARSE).score
-            for start in self._minima(leaves)[:_FIRST]
-        )
+    def _best_of(self, leaves: NDArray[np.int32]) -> Candidate:
+        """The best pose that the most promising leaves lead to."""
+        found = [
+            self._refined(start, self._few, _COARSE) for start in self._minima(leaves)[:_FIRST]
+        ]
+        return min(found, key=self._cautious)
 
-    def _limit(self, score: float) -> float:
-        """Score up to which places are as good as one of a score."""
+    def _cautious(self, candidate: Candidate) -> float:
+        """The score that a pose would have if what the map does not know there were not as seen."""
+        return candidate.score + (1.0 - candidate.known) * _UNSEEN * self._cost.clip
+
+    def _limit(self, candidate: Candidate) -> float:
+        """Score up to which places are as good as a pose."""
+        score = self._cautious(candidate)
         as_good = max(score / self._params.max_search_ratio, score + self._params.search_margin)
         return min(as_good, _MOST * self._unknown)
 
@@ -326,7 +335,7 @@ class GlobalSearch:
             lifted, start[:3], np.outer(steps, self._scale), self._surface, self._cost
         )
         found = matching.match(lifted, offset, self._surface, self._cost)
-        return Candidate(offset, float(start[3] + found.z), found.score)
+        return Candidate(offset, float(start[3] + found.z), found.score, found.known)
 
     def _judged(self, candidates: list[Candidate], descent: Descent) -> SearchResult:
         """The best of the refined poses, and why it is accepted or rejected."""
@@ -339,8 +348,9 @@ class GlobalSearch:
             [self._refined(np.append(c.offset, c.z), some, _FINE) for c in coarse[:_FINAL]],
             self._scale,
         )
-        best, limit = fine[0], self._limit(fine[0].score)
-        as_good = tuple(candidate for candidate in fine if candidate.score <= limit)
+        fine.sort(key=self._cautious)
+        best = fine[0]
+        as_good = (best, *(c for c in fine[1:] if c.score <= self._limit(best)))
         lifted = self._points._replace(xyz=self._points.xyz + (0.0, 0.0, best.z))
         found = matching.match(lifted, best.offset, self._surface, self._cost)
         reason = Reason.ACCEPTED

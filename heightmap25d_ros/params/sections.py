@@ -426,8 +426,8 @@ class RegistrationParams(Section):
         0.7, "the same ratio for a search of the whole map", low=0.01, high=1.0
     )
     search_margin: float = parameter(
-        0.01,
-        "difference of two scores that noise can make: places of a whole map within it are the same",
+        0.015,
+        "difference of two scores that noise makes: places of the whole map within it are the same",
         "m", low=0.0, high=1.0,
     )  # fmt: skip
     search_nodes: int = parameter(
