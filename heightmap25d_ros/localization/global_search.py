@@ -1,19 +1,28 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Search for the robot's pose in the whole long-term map, without a prior.
+"""Search for the robot's pose in the whole long-term map, without a prior or with a vague one.
 
-Every position and yaw is scored at half the resolution with few points; the best minima are then
-refined as in `registration`. The search is one kernel over a small array, with the same score as
-the registrations that follow.
+`branch_and_bound` finds every place that can be as good as the best one known so far, but for what
+noise explains. All of them are refined by the score of the registrations (`matching`), and a pose
+is accepted only if no other place is as good. The yaw is searched in steps that move the points by
+three cells; between them the refinement finds it.
 """
 
 from __future__ import annotations
 
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from heightmap25d_ros.arrays import Array
-from heightmap25d_ros.localization import matching
-from heightmap25d_ros.localization.matching import Cost, RegistrationPoints, Window
+from heightmap25d_ros.localization import branch_and_bound, height_pyramid, matching
+from heightmap25d_ros.localization.branch_and_bound import ROOT, Descent, Ground, Turned
+from heightmap25d_ros.localization.height_pyramid import LEVELS
+from heightmap25d_ros.localization.matching import Cost, RegistrationPoints
 from heightmap25d_ros.localization.registration import (
     MIN_POINTS,
     Reason,
@@ -22,23 +31,86 @@ from heightmap25d_ros.localization.registration import (
     scale_of,
     search_points,
 )
-from heightmap25d_ros.localization.surface import Surface, coarser
+from heightmap25d_ros.localization.surface import Surface
 from heightmap25d_ros.params.sections import RegistrationParams
 
-_POINTS = 120  # that the search uses
-_YAW_STEP = 1.5  # of the search, in multiples of the yaw that moves the points by a cell
-_MINIMA = 24  # that are refined
-_STEPS = (1.0, 1 / 2, 1 / 4, 1 / 8)  # [cells] of the refinement
-_APART = 2  # [cells of half the resolution, steps of yaw] between two minima of the search
+_POINTS = 150  # that the search uses
+_YAW_STEP = 3.0  # of the search, in multiples of the yaw that moves the points by a cell
+_BEAM = 300  # nodes of each level on the way to a first guess
+_FIRST = 3  # guesses that are refined
+_PIECE = 20_000  # bounds between two looks at the clock
+_LEAVES = 32_768  # of a search at most
+_MINIMA = 32  # that are refined
+_APART = 3, 2  # [cells, steps of yaw] between two of these
+_COARSE, _FINE = (1.0, 1 / 2, 1 / 4), (1 / 4, 1 / 8)  # [cells] of the refinement
+_FINAL = 8  # that are refined with more points
 _DISTINCT = 3.0  # [cells] between two distinct poses
-_Z_RANGE = 3.0  # [m]
+_Z_RANGE = 3.0  # [m] where the ground under the robot was not seen
+_AROUND, _OF_GROUND = 4.0, 30  # [m] from the robot, and number of points, that tell its ground
+_LEAST_GROUND = 5
+_UNSEEN = 0.3  # of the clip: mean cost of points at a wrong place
+_MOST = 0.5  # of the cost of an unknown cell: no worse place is looked for
+
+
+class Prior(NamedTuple):
+    """Where the robot must be.
+
+    Attributes
+    ----------
+    x, y : float [m], map
+    radius : float [m]
+    """
+
+    x: float
+    y: float
+    radius: float
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A pose at which the points match.
+
+    Attributes
+    ----------
+    offset : (3,) float64 [m, m, rad], map
+        To be added to x, y and yaw of the robot.
+    z : float [m]
+        To be added to its z.
+    score : float [m]
+        Of `matching.match`, with ``search_points`` of the points.
+    known : float
+        Share of these that lie over known cells.
+    """
+
+    offset: Array
+    z: float
+    score: float
+    known: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SearchResult(Registration):
+    """A registration without a prior, and all poses that are as good.
+
+    Attributes
+    ----------
+    candidates : tuple of Candidate
+        The best pose first, then the distinct ones that noise or ``max_search_ratio`` do not tell
+        from it, at most 32. More than one: ambiguous.
+    nodes : int
+        Number of bounds that it took.
+    """
+
+    candidates: tuple[Candidate, ...] = ()
+    nodes: int = 0
 
 
 def relocalize(
     points: RegistrationPoints,
     surface: Surface,
     params: RegistrationParams,
-) -> Registration:
+    prior: Prior | None = None,
+) -> SearchResult:
     """Search the whole map for the pose at which the points match.
 
     Parameters
@@ -47,61 +119,276 @@ def relocalize(
         Relative to the pivot.
     surface : Surface
     params : RegistrationParams
+    prior : Prior, optional
 
     Returns
     -------
-    Registration
+    SearchResult
         Without information: a pose is not a measurement until it is confirmed.
     """
-    if len(points.xyz) < MIN_POINTS or np.isnan(surface.heights).all():
-        return rejected(Reason.FEW_POINTS, len(points.xyz))
-    cost = Cost(params.clip, params.unknown, _Z_RANGE)
-    some = points.some(search_points(points, params.search_points))
-    scale = scale_of(points, surface)
-    steps = np.outer(_STEPS, scale)
-    minima = np.array([
-        matching.descend(some, start, steps, surface, cost)
-        for start in _starts(points, surface, cost)
-    ])  # fmt: skip
-    scores = np.array([
-        matching.match(some, minimum, surface, cost).score for minimum in minima
-    ])  # fmt: skip
-    best = int(scores.argmin())
-    apart = minima - minima[best]
-    apart[:, 2] = np.angle(np.exp(1j * apart[:, 2]))
-    is_other = np.linalg.norm(apart / scale, axis=1) > _DISTINCT
-    ratio = float(scores[best] / scores[is_other].min()) if is_other.any() else 0.0
-    found = matching.match(points, minima[best], surface, cost)
-    reason = Reason.ACCEPTED
-    # Without a prior a robot that sees beyond the map could be at any of its borders.
-    if found.known < params.min_overlap:
-        reason = Reason.LITTLE_OVERLAP
-    elif found.residual > params.max_residual:
-        reason = Reason.HIGH_RESIDUAL
-    elif ratio > params.max_search_ratio:
-        reason = Reason.AMBIGUOUS
-    return Registration(
-        reason=reason, offset=minima[best], z=found.z, information=np.zeros((3, 3)),
-        overlap=found.known, residual=found.residual, ratio=ratio, points=len(points.xyz),
-    )  # fmt: skip
+    search = GlobalSearch(points, surface, params, prior)
+    while not search.step(np.inf):
+        pass
+    return search.result
 
 
-def _starts(points: RegistrationPoints, surface: Surface, cost: Cost) -> Array:
-    """The best hypotheses (B, 3) of the whole map that are not adjacent to one another."""
-    coarse = coarser(surface)
-    few = points.some(search_points(points, _POINTS))
-    count = int(np.ceil(2 * np.pi / (_YAW_STEP * scale_of(points, coarse)[2])))
-    yaws = np.arange(count, dtype=np.float64) * (2 * np.pi / count)
-    rows, columns = coarse.heights.shape
-    corner = coarse.origin[0] + 0.5 * coarse.resolution, coarse.origin[1] + 0.5 * coarse.resolution
-    window = Window(np.arange(columns), np.arange(rows), yaws)
-    scores = matching.search(few._replace(pivot=corner), window, coarse, cost)
-    found = []
-    for _ in range(_MINIMA):
-        w, iy, ix = (int(k) for k in np.unravel_index(scores.argmin(), scores.shape))
-        x, y = corner[0] + ix * coarse.resolution, corner[1] + iy * coarse.resolution
-        found.append((x - points.pivot[0], y - points.pivot[1], yaws[w]))
-        adjacent = np.arange(w - _APART, w + _APART + 1) % count
-        rows_, columns_ = (slice(max(k - _APART, 0), k + _APART + 1) for k in (iy, ix))
-        scores[adjacent, rows_, columns_] = np.inf
-    return np.array(found)
+class GlobalSearch:
+    """A search of the whole map that is done in slices.
+
+    Parameters
+    ----------
+    points, surface, params, prior
+        As of `relocalize`. The first search on a surface makes its pyramid, in one slice.
+
+    Examples
+    --------
+    >>> points = RegistrationPoints(np.zeros((3, 3)), np.zeros(3, bool), np.ones(3))
+    >>> flat = Surface(np.zeros((8, 8), np.float32), np.zeros((8, 8), bool), (0.0, 0.0), 0.125)
+    >>> search = GlobalSearch(points, flat, RegistrationParams())
+    >>> while not search.step(0.01):
+    ...     pass  # do something else
+    >>> search.result.reason.value
+    'too few points'
+    """
+
+    def __init__(
+        self,
+        points: RegistrationPoints,
+        surface: Surface,
+        params: RegistrationParams,
+        prior: Prior | None = None,
+    ) -> None:
+        self._points, self._surface, self._params = points, surface, params
+        self._prior = prior
+        self._result: SearchResult | None = None
+        self._ground_z = _ground_under(points)
+        z_range = _Z_RANGE if self._ground_z is None else params.z_range
+        self._cost = Cost(params.clip, params.unknown, z_range)
+        self._work = self._run()
+
+    @property
+    def result(self) -> SearchResult:
+        """What was found.
+
+        Raises
+        ------
+        ValueError
+            Before `step` has returned true.
+        """
+        if self._result is None:
+            raise ValueError("the search is not done")
+        return self._result
+
+    def step(self, seconds: float) -> bool:
+        """Go on for about this time [s]; whether the search is done."""
+        end = time.monotonic() + seconds
+        while self._result is None:
+            self._result = next(self._work)
+            if time.monotonic() >= end:
+                break
+        return self._result is not None
+
+    def _run(self) -> Iterator[SearchResult | None]:
+        """The search, in pieces of some milliseconds; the last one is its result."""
+        count = len(self._points.xyz)
+        if count < MIN_POINTS or np.isnan(self._surface.heights).all():
+            yield _of(rejected(Reason.FEW_POINTS, count))
+            return
+        self._scale = scale_of(self._points, self._surface)
+        yaws = int(np.ceil(2 * np.pi / (_YAW_STEP * self._scale[2])))
+        self._yaws = np.arange(yaws) * (2 * np.pi / yaws)
+        if self._memory() > self._params.search_memory * 1e6:
+            yield _of(rejected(Reason.TOO_LARGE, count))
+            return
+        self._few = self._points.some(search_points(self._points, _POINTS))
+        self._seen: Turned = branch_and_bound.turned(
+            self._few, self._yaws, self._surface.resolution, self._ground_z
+        )
+        self._ground: Ground = branch_and_bound.ground_of(
+            self._surface.pyramid, self._cost, is_z_known=self._ground_z is not None
+        )
+        yield None
+        roots, order = [], []
+        for yaw in range(yaws):
+            nodes = self._roots(yaw)
+            bounds = branch_and_bound.bounds(self._seen, nodes, self._ground, self._unknown)
+            is_possible = np.isfinite(bounds)
+            roots.append(nodes[is_possible])
+            order.append(bounds[is_possible])
+            yield None
+        nodes = np.concatenate(roots)
+        if not len(nodes):
+            yield _of(rejected(Reason.LITTLE_OVERLAP, count))
+            return
+        nodes = nodes[np.argsort(np.concatenate(order), kind="stable")]
+        limit = self._limit(self._first_guess(nodes))
+        yield None
+        descent = Descent(self._seen, nodes, self._ground, self._within(), _LEAVES)
+        while not descent.is_done:
+            descent.divide(limit, _PIECE)
+            yield None
+            if descent.is_full:
+                limit = min(limit, self._limit(self._best_of(descent.leaves)))
+                descent.keep(limit)
+                yield None
+                if len(descent.leaves) > _LEAVES // 2:
+                    break
+            if descent.nodes > self._params.search_nodes:
+                yield _of(rejected(Reason.UNFINISHED, count), nodes=descent.nodes)
+                return
+        candidates = []
+        for start in self._minima(descent.leaves):
+            candidates.append(self._refined(start, self._few, _COARSE))
+            yield None
+        yield self._judged(candidates, descent)
+
+    @property
+    def _unknown(self) -> float:
+        return self._params.unknown * self._params.clip
+
+    def _memory(self) -> int:
+        """Estimate [bytes] of what the search takes."""
+        rows, columns = self._surface.heights.shape
+        roots = len(self._yaws) * -(-rows // ROOT) * -(-columns // ROOT)
+        return height_pyramid.memory_of((rows, columns)) + 60 * roots
+
+    def _within(self) -> tuple[float, float, float]:
+        """The circle of the prior: row, column, radius [cells]."""
+        if self._prior is None:
+            return 0.0, 0.0, np.inf
+        cell = self._surface.resolution
+        x, y = (np.array(self._prior[:2]) - self._surface.origin) / cell
+        return float(y), float(x), self._prior.radius / cell
+
+    def _roots(self, yaw: int) -> NDArray[np.int32]:
+        """Nodes (K, 4) of the highest level at a yaw."""
+        y, x, radius = self._within()
+        sides = []
+        for middle, cells in zip((y, x), self._surface.heights.shape, strict=True):
+            low, high = max(middle - radius, 0.0), min(middle + radius, cells - 1.0)
+            sides.append(np.arange(int(low) // ROOT, int(high) // ROOT + 1) * ROOT)
+        rows, columns = np.meshgrid(*sides, indexing="ij")
+        same = np.ones(rows.size, np.int32)
+        return np.column_stack([
+            yaw * same, (LEVELS - 1) * same, rows.ravel(), columns.ravel()
+        ]).astype(np.int32)  # fmt: skip
+
+    def _first_guess(self, nodes: NDArray[np.int32]) -> Candidate:
+        """The best of some places: the best nodes of each level lead to them."""
+        shape = self._surface.heights.shape
+        nodes = nodes[:_BEAM]
+        while nodes[0, 1] > 0:
+            nodes = branch_and_bound.children_of(nodes, shape)
+            bounds = branch_and_bound.bounds(self._seen, nodes, self._ground, self._unknown)
+            nodes = nodes[np.argsort(bounds, kind="stable")[:_BEAM]]
+        return self._best_of(nodes)
+
+    def _best_of(self, leaves: NDArray[np.int32]) -> Candidate:
+        """The best pose that the most promising leaves lead to."""
+        found = [
+            self._refined(start, self._few, _COARSE) for start in self._minima(leaves)[:_FIRST]
+        ]
+        return min(found, key=self._cautious)
+
+    def _cautious(self, candidate: Candidate) -> float:
+        """The score that a pose would have if what the map does not know there were not as seen."""
+        return candidate.score + (1.0 - candidate.known) * _UNSEEN * self._cost.clip
+
+    def _limit(self, candidate: Candidate) -> float:
+        """Score up to which places are as good as a pose."""
+        score = self._cautious(candidate)
+        as_good = max(score / self._params.max_search_ratio, score + self._params.search_margin)
+        return min(as_good, _MOST * self._unknown)
+
+    def _minima(self, leaves: NDArray[np.int32]) -> Array:
+        """The best hypotheses (B, 4) in leaves (K, 4) that are not adjacent to one another."""
+        hypotheses = self._hypotheses(leaves)
+        scores = matching.scores_at(self._few, hypotheses, self._surface, self._cost)
+        found = []
+        waiting = np.argsort(scores, kind="stable")
+        while len(waiting) and len(found) < _MINIMA:
+            best = waiting[0]
+            found.append(hypotheses[best])
+            apart = np.abs(leaves[waiting] - leaves[best])
+            turn = np.minimum(apart[:, 0], len(self._yaws) - apart[:, 0])
+            is_apart = (apart[:, 2:].max(axis=1) > _APART[0]) | (turn > _APART[1])
+            waiting = waiting[is_apart]
+        return np.array(found)
+
+    def _hypotheses(self, leaves: NDArray[np.int32]) -> Array:
+        """x, y, yaw, z (K, 4) of the middles of leaves."""
+        surface, pivot = self._surface, self._points.pivot
+        x = surface.origin[0] + (leaves[:, 3] + 0.5) * surface.resolution - pivot[0]
+        y = surface.origin[1] + (leaves[:, 2] + 0.5) * surface.resolution - pivot[1]
+        z = np.zeros(len(leaves))
+        if self._ground_z is not None:
+            rows, columns = leaves[:, 2].astype(np.int64), leaves[:, 3].astype(np.int64)
+            z = surface.pyramid.ground_at(rows, columns) - self._ground_z
+        return np.column_stack([x, y, self._yaws[leaves[:, 0]], z])
+
+    def _refined(
+        self, start: Array, points: RegistrationPoints, steps: tuple[float, ...]
+    ) -> Candidate:
+        """The minimum of the score of points around a hypothesis (4,)."""
+        lifted = points._replace(xyz=points.xyz + (0.0, 0.0, start[3]))
+        offset = matching.descend(
+            lifted, start[:3], np.outer(steps, self._scale), self._surface, self._cost
+        )
+        found = matching.match(lifted, offset, self._surface, self._cost)
+        return Candidate(offset, float(start[3] + found.z), found.score, found.known)
+
+    def _judged(self, candidates: list[Candidate], descent: Descent) -> SearchResult:
+        """The best of the refined poses, and why it is accepted or rejected."""
+        count, params = len(self._points.xyz), self._params
+        if not candidates:
+            return _of(rejected(Reason.HIGH_RESIDUAL, count), nodes=descent.nodes)
+        some = self._points.some(search_points(self._points, params.search_points))
+        coarse = _distinct(candidates, self._scale)
+        fine = _distinct(
+            [self._refined(np.append(c.offset, c.z), some, _FINE) for c in coarse[:_FINAL]],
+            self._scale,
+        )
+        fine.sort(key=self._cautious)
+        best = fine[0]
+        as_good = (best, *(c for c in fine[1:] if c.score <= self._limit(best)))
+        lifted = self._points._replace(xyz=self._points.xyz + (0.0, 0.0, best.z))
+        found = matching.match(lifted, best.offset, self._surface, self._cost)
+        reason = Reason.ACCEPTED
+        # Without a prior a robot that sees beyond the map could be at any of its borders.
+        if found.known < params.min_overlap:
+            reason = Reason.LITTLE_OVERLAP
+        elif found.residual > params.max_residual:
+            reason = Reason.HIGH_RESIDUAL
+        elif len(as_good) > 1 or not descent.is_done:
+            reason = Reason.AMBIGUOUS
+        return SearchResult(
+            reason=reason, offset=best.offset, z=best.z + found.z, information=np.zeros((3, 3)),
+            overlap=found.known, residual=found.residual,
+            ratio=best.score / fine[1].score if len(fine) > 1 else 0.0, points=count,
+            candidates=as_good, nodes=descent.nodes,
+        )  # fmt: skip
+
+
+def _of(registration: Registration, nodes: int = 0) -> SearchResult:
+    """A result without candidates."""
+    values = {field.name: getattr(registration, field.name) for field in fields(registration)}
+    return SearchResult(**values, nodes=nodes)
+
+
+def _ground_under(points: RegistrationPoints) -> float | None:
+    """z [m] of the ground under the robot, as its own points tell; None if they do not."""
+    distance = np.hypot(*points.xyz[:, :2].T)
+    near = np.flatnonzero(~points.is_edge & (distance < _AROUND))
+    near = near[np.argsort(distance[near], kind="stable")[:_OF_GROUND]]
+    return float(np.median(points.xyz[near, 2])) if len(near) >= _LEAST_GROUND else None
+
+
+def _distinct(candidates: list[Candidate], scale: Array) -> list[Candidate]:
+    """The best of candidates that are the same pose, in order of their scores."""
+    kept: list[Candidate] = []
+    for candidate in sorted(candidates, key=lambda candidate: candidate.score):
+        apart = np.array([candidate.offset - other.offset for other in kept]).reshape(-1, 3)
+        apart[:, 2] = np.angle(np.exp(1j * apart[:, 2]))
+        if (np.linalg.norm(apart / scale, axis=1) > _DISTINCT).all():
+            kept.append(candidate)
+    return kept

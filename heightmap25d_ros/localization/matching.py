@@ -151,6 +151,24 @@ def match(
     )
 
 
+def scores_at(
+    points: RegistrationPoints,
+    hypotheses: NDArray[np.float64],
+    surface: Surface,
+    cost: Cost,
+) -> NDArray[np.float64]:
+    """Scores (K,) [m] of hypotheses as of `match`, each with an error of z of its own to begin with.
+
+    Parameters
+    ----------
+    hypotheses : (K, 4) float64 [m, m, rad, m]
+        x, y, yaw, and z that is added to the points' heights.
+    """
+    scores = np.empty(len(hypotheses))
+    _scores_at(*points.arrays, hypotheses, _cells(surface, points.pivot), tuple(cost), scores)
+    return scores
+
+
 def search(
     points: RegistrationPoints,
     window: Window,
@@ -296,6 +314,16 @@ def _match(  # noqa: PLR0913
     counted, covered = max(counted, least), max(covered, least)
     score = (over_known + (counted - known) * unknown * clip) / counted
     return score, z, known / max(weights, 1e-12), known / covered, over_known / max(known, 1e-12)
+
+
+@kernel
+def _scores_at(xyz, edge, weight, hypotheses, cells, cost, scores):
+    counts = np.zeros(_BINS, np.int64)
+    lifted = xyz.copy()
+    for k in range(len(hypotheses)):
+        x, y, yaw, z = hypotheses[k]
+        lifted[:, 2] = xyz[:, 2] + z
+        scores[k] = _match(lifted, edge, weight, x, y, yaw, cells, cost, counts)[0]
 
 
 @kernel

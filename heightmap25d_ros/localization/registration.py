@@ -50,6 +50,8 @@ class Reason(Enum):
     AMBIGUOUS = "another place fits as well"
     FAR_FROM_PRIOR = "too far from the prior"
     UNOBSERVED = "nothing to hold on to"
+    TOO_LARGE = "the map is too large to be searched"
+    UNFINISHED = "the search was not finished"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, HeightMap
+from heightmap25d_ros.localization.height_pyramid import HeightPyramid, pyramid_of
 
 NEAR = 8  # [cells] from known cells within which unknown cells count
 BORDER = NEAR + 2  # [cells] width of the unknown border around a surface
@@ -51,6 +52,11 @@ class Surface:
         around = 2 * NEAR + 1
         counts = ndimage.maximum_filter(~np.isnan(heights), around, mode="constant")
         return heights, np.pad(self.is_edge, BORDER), counts
+
+    @cached_property
+    def pyramid(self) -> HeightPyramid:
+        """What windows of the map hold, for the search of the whole map; cached."""
+        return pyramid_of(*self.bordered, BORDER)
 
 
 def surface_of(height_map: HeightMap, edge_step: float) -> Surface:

@@ -423,7 +423,18 @@ class RegistrationParams(Section):
         low=0.0, high=1.0,
     )  # fmt: skip
     max_search_ratio: float = parameter(
-        0.7, "the same ratio for a search of the whole map", low=0.0, high=1.0
+        0.7, "the same ratio for a search of the whole map", low=0.01, high=1.0
+    )
+    search_margin: float = parameter(
+        0.015,
+        "difference of two scores that noise makes: places of the whole map within it are the same",
+        "m", low=0.0, high=1.0,
+    )  # fmt: skip
+    search_nodes: int = parameter(
+        400_000_000, "number of bounds after which a search of the whole map ends in vain", low=1
+    )
+    search_memory: int = parameter(
+        1000, "memory that a search of the whole map may take", "MB", low=1
     )
     max_deviation: float = parameter(
         4.0, "standard deviations from the prior beyond which a registration is rejected",
