@@ -117,9 +117,7 @@ def ground_of(pyramid: HeightPyramid, cost: Cost, *, is_z_known: bool) -> Ground
     """The map for the kernels."""
     clip = cost.clip / HEIGHT_RESOLUTION
     slack = SLACK / HEIGHT_RESOLUTION if is_z_known else np.inf
-    return Ground(
-        pyramid.windows, pyramid.ground, pyramid.pad, slack, clip, cost.unknown * clip
-    )
+    return Ground(pyramid.windows, pyramid.ground, pyramid.pad, slack, clip, cost.unknown * clip)
 
 
 def bounds(seen: Turned, nodes: NDArray[np.int32], ground: Ground, limit: float) -> Array:
@@ -320,9 +318,12 @@ def _divide(  # noqa: PLR0913
             node = (roots[root, 0], roots[root, 1], roots[root, 2], roots[root, 3])
             root += 1
             bounded += 1
-            if _bound(
-                rows, columns, heights, kind, weight, node, ground, limit, caps, is_uncounted
-            ) > limit:
+            if (
+                _bound(
+                    rows, columns, heights, kind, weight, node, ground, limit, caps, is_uncounted
+                )
+                > limit
+            ):
                 continue
         else:
             waiting -= 1
@@ -332,9 +333,12 @@ def _divide(  # noqa: PLR0913
             if not is_inside:
                 continue
             bounded += 1
-            if _bound(
-                rows, columns, heights, kind, weight, child, ground, limit, caps, is_uncounted
-            ) > limit:
+            if (
+                _bound(
+                    rows, columns, heights, kind, weight, child, ground, limit, caps, is_uncounted
+                )
+                > limit
+            ):
                 continue
             if child[1] > 0:
                 stack[waiting, 0], stack[waiting, 1], stack[waiting, 2], stack[waiting, 3] = child

@@ -97,11 +97,14 @@ class SearchResult(Registration):
     candidates : tuple of Candidate
         The best pose first, then the distinct ones that noise or ``max_search_ratio`` do not tell
         from it, at most 32. More than one: ambiguous.
+    is_complete : bool
+        Whether these are all.
     nodes : int
         Number of bounds that it took.
     """
 
     candidates: tuple[Candidate, ...] = ()
+    is_complete: bool = False
     nodes: int = 0
 
 
@@ -365,7 +368,7 @@ class GlobalSearch:
             reason=reason, offset=best.offset, z=best.z + found.z, information=np.zeros((3, 3)),
             overlap=found.known, residual=found.residual,
             ratio=best.score / fine[1].score if len(fine) > 1 else 0.0, points=count,
-            candidates=as_good, nodes=descent.nodes,
+            candidates=as_good, is_complete=descent.is_done, nodes=descent.nodes,
         )  # fmt: skip
 
 

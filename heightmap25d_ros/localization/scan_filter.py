@@ -218,17 +218,17 @@ class ScanFilter:
         self._covariance, self._mean = covariance, mean
         self._is_settling |= found.is_accepted
 
-    def prove(self, returns: Array, T_odom_base: se3.Matrix, landmarks: Landmarks) -> bool:
-        """As `update` at a pose that was proposed; whether it is right as far as scans tell.
+    def prove(self, returns: Array, T_odom_base: se3.Matrix, landmarks: Landmarks) -> Registration:
+        """As `update` at a pose that was proposed: scans look nearer than it is uncertain.
 
-        What they tell is added to the covariance from before, however narrow the search.
+        What they tell is added to the covariance from before.
         """
         before, mean = self._covariance, self._mean.copy()
         found, information = self._look_near(returns, T_odom_base, landmarks)
         precision = np.asarray(np.linalg.inv(before[_POSE, _POSE]))
         self._covariance, self._mean = before, mean
         self._correct(np.zeros(4), information, precision, T_odom_base)
-        return found.is_accepted
+        return found
 
     def _look_near(
         self, returns: Array, T_odom_base: se3.Matrix, landmarks: Landmarks

@@ -82,7 +82,7 @@ class Proposal:
             covariance + np.outer(found.offset, found.offset),
             estimate.errors,
         )
-        if not trial.prove(returns, self.T_odom_base, landmarks):
+        if not trial.prove(returns, self.T_odom_base, landmarks).is_accepted:
             return None
         if not contradicts and trial.deviation[0] > _SURER * estimate.deviation[0]:
             return None

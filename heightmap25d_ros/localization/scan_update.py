@@ -25,6 +25,9 @@ from heightmap25d_ros.kernels import inlined_kernel, kernel
 from heightmap25d_ros.localization.landmarks import ELEVATED, Landmarks
 from heightmap25d_ros.params.sections import ScanFilterParams
 
+FIT = 0.1
+"""Distance [m] from the map within which a return agrees with it; others count as this one."""
+
 _ITERATIONS = 6
 _WIDE_ITERATIONS = 2  # in which the robust weights allow for what the prior may be off
 _CONVERGED = 2e-4  # [m]
@@ -33,7 +36,6 @@ _HEIGHT_REACH = 0.3  # [m] from a return to the ground
 _ABOVE_TOP = 0.12  # [m] that a return may be above the top of its wall
 _FIRST_TOLERANCE, _TOLERANCE = 4.0, 3.0  # [standard deviations] of the robust weights
 _UNSURE = 0.12  # [m] that the prior may be off across a wall for its returns to count
-_FIT = 0.1  # [m] within which a return agrees with the map
 _REGULAR = 1e-3  # added to the information, so that it has an inverse
 _NO_GROUND = 1e5  # [m] lowest ground that stands for none
 _NOTHING = -1
@@ -310,11 +312,11 @@ def _agreement(at, codes, position, cells):
         if codes[i] == _NOTHING:
             continue
         known += 1
-        distance = _FIT
+        distance = FIT
         if codes[i] >= 0:
             distance = abs(_distance(codes[i], at[i], position, cells))
-        agreeing += distance < _FIT
-        total += min(distance, _FIT)
+        agreeing += distance < FIT
+        total += min(distance, FIT)
     return near, known, agreeing, total / max(known, 1)
 
 

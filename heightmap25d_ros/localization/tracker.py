@@ -1,13 +1,15 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Continuous localization: short-term maps are registered against the long-term map while driving.
+"""Continuous localization: scans and short-term maps are held against the long-term map.
 
-`Tracker` combines the other modules of this room: it predicts with the odometry, registers when a
-short-term map is due, and searches the whole map when the robot is lost or a search is requested.
+`Tracker` combines the other modules of this room: it predicts with the odometry, registers when it
+is due, and searches the whole map, in slices, when the robot is lost or a search is requested. What
+the search finds is tracked as hypotheses until one is alone.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import NamedTuple
@@ -16,7 +18,8 @@ import numpy as np
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
-from heightmap25d_ros.localization.global_search import relocalize
+from heightmap25d_ros.localization.global_search import GlobalSearch, SearchResult
+from heightmap25d_ros.localization.hypotheses import Estimate, Hypotheses
 from heightmap25d_ros.localization.landmarks import Landmarks
 from heightmap25d_ros.localization.matching import RegistrationPoints
 from heightmap25d_ros.localization.paper_registration import register_by_paper
@@ -30,13 +33,19 @@ from heightmap25d_ros.localization.registration import (
 from heightmap25d_ros.localization.scan_filter import ScanFilter, unknown_errors
 from heightmap25d_ros.localization.scan_proposal import COARSE, Proposal, Proven, returns_to_points
 from heightmap25d_ros.localization.scan_window import ScanWindow
-from heightmap25d_ros.localization.short_term import ShortTermMap, ShortTermMaps, distance_travelled
+from heightmap25d_ros.localization.short_term import (
+    LocalCells,
+    ShortTermMap,
+    ShortTermMaps,
+    distance_travelled,
+)
 from heightmap25d_ros.localization.surface import Surface
 from heightmap25d_ros.localization.tracking_state import CONTRADICTIONS, Health, State
 from heightmap25d_ros.mapping.sensor_model import Beams
 from heightmap25d_ros.params.sections import Params
 
-_CANDIDATE_COVARIANCE = np.diag([0.15**2, 0.15**2, 0.03**2])  # of a pose found in the whole map
+_FOUND_COVARIANCE = np.diag([0.15**2, 0.15**2, 0.03**2])  # of a pose found in the whole map
+_MOST_HYPOTHESES = 16
 _SEARCH_INTERVAL = 1.0  # [m] travelled between two searches of the whole map
 _REPEATED = 0.1  # [m] between what two short-term maps propose one after the other
 
@@ -67,6 +76,8 @@ class Attempt:
         Standard deviations of position and yaw after it.
     points : RegistrationPoints
         The registered points at the prior pose.
+    weights : tuple of float
+        Of the poses that a search has found and the map has not contradicted, the largest first.
     """
 
     stamp_ns: int
@@ -76,6 +87,7 @@ class Attempt:
     T_map_base: se3.Matrix
     deviation: tuple[float, float]
     points: RegistrationPoints
+    weights: tuple[float, ...] = ()
 
 
 class _View(NamedTuple):
@@ -84,6 +96,14 @@ class _View(NamedTuple):
     surface: Surface
     points: RegistrationPoints
     T_odom_base: se3.Matrix
+
+
+class _Search(NamedTuple):
+    """A search that is under way, from a view that is past, and the prior of its points."""
+
+    search: GlobalSearch
+    view: _View
+    T_map_odom: se3.Matrix
 
 
 class Tracker:
@@ -95,6 +115,8 @@ class Tracker:
     T_map_odom : (4, 4) float64
     covariance : (3, 3) float64
         Of x, y [m], yaw [rad] of the robot.
+    search_slice : float, optional [s]
+        Time of a search of the whole map between two scans; all at once by default.
 
     Attributes
     ----------
@@ -121,12 +143,18 @@ class Tracker:
     'DEGRADED'
     """
 
-    def __init__(self, params: Params, T_map_odom: se3.Matrix, covariance: Array) -> None:
+    def __init__(
+        self,
+        params: Params,
+        T_map_odom: se3.Matrix,
+        covariance: Array,
+        search_slice: float = np.inf,
+    ) -> None:
         self.surface: Surface | None = None
         self.health = Health(params.localization)
         self.jumps = 0
-        self.estimate: PoseFilter | ScanFilter
-        self._params = params
+        self.estimate: Estimate
+        self._params, self._search_slice = params, search_slice
         self._short_term = ShortTermMaps(params)
         self._T_odom_base: se3.Matrix | None = None
         self._is_search_wanted = False
@@ -148,7 +176,7 @@ class Tracker:
         self.surface, self.landmarks = surface, landmarks if uses_scans else None
         self.estimate = self._estimate_at(self.estimate.T_map_odom, self.estimate.covariance)
 
-    def _estimate_at(self, T_map_odom: se3.Matrix, covariance: Array) -> PoseFilter | ScanFilter:
+    def _estimate_at(self, T_map_odom: se3.Matrix, covariance: Array) -> Estimate:
         if self.landmarks is None:
             return PoseFilter(self._params.localization, T_map_odom, covariance)
         return ScanFilter(self._params, T_map_odom, covariance, unknown_errors(self._params))
@@ -159,7 +187,8 @@ class Tracker:
         self._is_settled = False
         self.health.begin()
         self.jumps += 1
-        self._candidate: PoseFilter | None = None
+        self._search: _Search | None = None
+        self._hypotheses: Hypotheses | None = None
         self._confirmed = 0
         self._proposed: se3.Matrix | None = None
         self._attempt_distance = self._search_distance = -np.inf
@@ -169,7 +198,7 @@ class Tracker:
         self._short_term.clear()
         self._window.clear()
         self._T_odom_base = None
-        self._candidate = self._proposed = None
+        self._search = self._hypotheses = self._proposed = None
 
     def request_search(self) -> None:
         """Search the whole map as soon as a short-term map is mature."""
@@ -185,8 +214,8 @@ class Tracker:
         if self._T_odom_base is not None:
             distance = distance_travelled(self._T_odom_base, T_odom_base)
             self.estimate.predict(self._T_odom_base, T_odom_base, distance)
-            if self._candidate is not None:
-                self._candidate.predict(self._T_odom_base, T_odom_base, distance)
+            if self._hypotheses is not None:
+                self._hypotheses.predict(self._T_odom_base, T_odom_base, distance)
         self._T_odom_base = T_odom_base
 
     def integrate(self, beams: Beams, T_odom_base: se3.Matrix, stamp_ns: int) -> Attempt | None:
@@ -204,23 +233,31 @@ class Tracker:
             attempt = self._track_scans(stamp_ns)
             if self._is_settled:
                 return attempt
+        if self._search is not None:
+            return self._go_on_searching(self._search, stamp_ns)
         if self.surface is None or not (self._is_registration_due() or self._is_search_due()):
             return None
         short_term_map = self._short_term.mature()
         if short_term_map is None:
             return None
-        prior = self._candidate or self.estimate
-        cells = short_term_map.local_cells(distance)
-        points = to_registration_points(cells, prior.T_map_odom, T_odom_base)
-        view = _View(self.surface, points, T_odom_base)
-        if self._candidate is not None:
-            kind, found = Kind.CONFIRMATION, self._confirm(self._candidate, view)
-        elif self._is_search_due():
-            kind, found = Kind.SEARCH, self._search(view)
-        else:
-            kind, found = Kind.TRACKING, self._track(view)
         self._attempt_distance = distance
-        return self._attempt(kind, found, view, stamp_ns)
+        cells = short_term_map.local_cells(distance)
+        if self._hypotheses is not None:
+            return self._confirm(self._hypotheses, cells, stamp_ns)
+        view = self._view(self.estimate, cells)
+        if self._is_search_due():
+            self._search_distance = distance
+            search = GlobalSearch(view.points, self.surface, self._params.registration)
+            self._search = _Search(search, view, self.estimate.T_map_odom)
+            return self._go_on_searching(self._search, stamp_ns)
+        return self._attempt(Kind.TRACKING, self._track(view), view, stamp_ns)
+
+    def _view(self, estimate: Estimate, cells: LocalCells) -> _View:
+        """Cells of a short-term map, as they are for an estimate."""
+        assert self.surface is not None
+        assert self._T_odom_base is not None
+        points = to_registration_points(cells, estimate.T_map_odom, self._T_odom_base)
+        return _View(self.surface, points, self._T_odom_base)
 
     def _attempt(self, kind: Kind, found: Registration, view: _View, stamp_ns: int) -> Attempt:
         return Attempt(
@@ -238,7 +275,8 @@ class Tracker:
         return (
             self.landmarks is not None
             and self.health.state is not State.LOST
-            and self._candidate is None
+            and self._search is None
+            and self._hypotheses is None
             and not self._is_search_due()
         )
 
@@ -290,7 +328,7 @@ class Tracker:
 
     def _is_registration_due(self) -> bool:
         """A lost robot registers only to confirm a pose found in the whole map."""
-        is_lost = self.health.state is State.LOST and self._candidate is None
+        is_lost = self.health.state is State.LOST and self._hypotheses is None
         travelled = self._short_term.distance - self._attempt_distance
         return not is_lost and travelled >= self._params.localization.interval
 
@@ -302,7 +340,7 @@ class Tracker:
         travelled = self._short_term.distance - self._search_distance
         return is_wanted and travelled >= _SEARCH_INTERVAL
 
-    def _register(self, estimate: PoseFilter | ScanFilter, view: _View) -> Registration:
+    def _register(self, estimate: Estimate, view: _View) -> Registration:
         params, prior = self._params.registration, estimate.covariance
         if params.method == "paper":
             found = register_by_paper(view.points, view.surface, prior)
@@ -323,30 +361,48 @@ class Tracker:
         self.health.update(found, self.estimate.deviation[0])
         return found
 
-    def _search(self, view: _View) -> Registration:
-        """Search for a candidate in the whole map; the estimate is not changed."""
-        self._search_distance = self._short_term.distance
-        found = relocalize(view.points, view.surface, self._params.registration)
-        if found.is_accepted:
-            T_map_odom = self.estimate.T_map_odom
-            x, y, yaw = found.offset
-            T_candidate = correction_about(T_map_odom @ view.T_odom_base, (x, y, found.z), yaw)
-            self._candidate = PoseFilter(
-                self._params.localization, T_candidate @ T_map_odom, _CANDIDATE_COVARIANCE
-            )
+    def _go_on_searching(self, under_way: _Search, stamp_ns: int) -> Attempt | None:
+        """Search the whole map for a while; the estimate is not changed."""
+        if not under_way.search.step(self._search_slice):
+            return None
+        found = under_way.search.result
+        self._search = None
+        # Several are told apart by scans.
+        most = 1 if self.landmarks is None else _MOST_HYPOTHESES
+        is_one_right = found.is_accepted or found.reason is Reason.AMBIGUOUS
+        if is_one_right and found.is_complete and len(found.candidates) <= most:
+            estimates = self._found_estimates(found, under_way)
+            self._hypotheses = Hypotheses(estimates, self._params.registration.search_margin)
             self._confirmed = 0
-        return found
+        return self._attempt(Kind.SEARCH, found, under_way.view, stamp_ns)
 
-    def _confirm(self, candidate: PoseFilter, view: _View) -> Registration:
-        """Register with a candidate as prior; accept it or drop it."""
-        found = self._register(candidate, view)
-        if not found.is_accepted:
-            self._candidate = None
-            return found
-        self._confirmed += 1
-        if self._confirmed >= self._params.localization.confirmations:
-            self.set_pose(candidate.T_map_odom, candidate.covariance)
+    def _found_estimates(self, found: SearchResult, under_way: _Search) -> Iterator[Estimate]:
+        T_map_odom = under_way.T_map_odom
+        T_map_base = T_map_odom @ under_way.view.T_odom_base
+        for candidate in found.candidates:
+            x, y, yaw = candidate.offset
+            shift = correction_about(T_map_base, (float(x), float(y), candidate.z), float(yaw))
+            yield self._estimate_at(shift @ T_map_odom, _FOUND_COVARIANCE)
+
+    def _confirm(self, hypotheses: Hypotheses, cells: LocalCells, stamp_ns: int) -> Attempt:
+        """Hold several hypotheses against scans, and one that is alone against short-term maps."""
+        view = self._view(hypotheses.best.estimate, cells)
+        if len(hypotheses) > 1:
+            assert self.landmarks is not None
+            returns = self._window.take(self._short_term.distance, stamp_ns)
+            found = hypotheses.update(returns, view.T_odom_base, self.landmarks)
+        else:
+            found = self._register(hypotheses.best.estimate, view)
+            self._confirmed += 1
+            if not found.is_accepted:
+                hypotheses.clear()
+        weights = hypotheses.weights
+        if not weights:
+            self._hypotheses = None
+        elif self._confirmed >= self._params.localization.confirmations:
+            estimate = hypotheses.best.estimate
+            self.set_pose(estimate.T_map_odom, estimate.covariance)
             self._is_settled = True
             self.health.begin(is_confirmed=True)
             self._is_search_wanted = False
-        return found
+        return replace(self._attempt(Kind.CONFIRMATION, found, view, stamp_ns), weights=weights)
