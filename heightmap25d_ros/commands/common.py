@@ -6,15 +6,17 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.io import map_directory
+from heightmap25d_ros.io.bag import Bag
 from heightmap25d_ros.params import files
 from heightmap25d_ros.params.sections import Params
+from heightmap25d_ros.pipelines.replay import with_scan_topics
 from heightmap25d_ros.terrain.traversability import OCCUPIED, ObstacleMap
 
 Figures = dict[str, Any]
@@ -118,6 +120,24 @@ def read_params(options: argparse.Namespace, node: str = "mapping") -> Params:
         If the file cannot be read or holds an unknown or unusable parameter.
     """
     return files.read_yaml(options.params, node) if options.params else Params()
+
+
+def read_bag_params(
+    options: argparse.Namespace, bags: Sequence[Bag], node: str = "mapping"
+) -> Params:
+    """The same, with scan topics of bags in them: of ``--scan-topic``, ``--params``, or all.
+
+    Raises
+    ------
+    InputError
+        As `read_params`; or if a bag lacks one that is named, or has none at all.
+    """
+    if not options.params:
+        return with_scan_topics(Params(), bags, options.scan_topic)
+    values = files.values_in(options.params, node)
+    settings = files.params_of(options.params, values)
+    is_named = "intake.scan_topics" in values
+    return with_scan_topics(settings, bags, options.scan_topic, is_named=is_named)
 
 
 def cell_counts(height_map: HeightMap, obstacle_map: ObstacleMap) -> Figures:

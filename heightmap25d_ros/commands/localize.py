@@ -22,7 +22,7 @@ from heightmap25d_ros.commands.common import (
     add_command,
     add_topics,
     check_output,
-    read_params,
+    read_bag_params,
     require_map,
 )
 from heightmap25d_ros.errors import InputError
@@ -35,7 +35,7 @@ from heightmap25d_ros.localization.surface import surface_of
 from heightmap25d_ros.localization.tracker import Attempt
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.localization import Localizer, compile_kernels
-from heightmap25d_ros.pipelines.replay import pose_topic, replayed, with_scan_topics
+from heightmap25d_ros.pipelines.replay import pose_topic, replayed
 from heightmap25d_ros.viz import localization_figures
 
 Trajectory = list[tuple[int, se3.Matrix]]
@@ -78,7 +78,7 @@ def _localize(options: argparse.Namespace) -> Figures:
     require_map(options.map)
     check_output(options.output)
     with Bag(options.bag) as bag:
-        settings = with_scan_topics(read_params(options, "localization"), bag, options.scan_topic)
+        settings = read_bag_params(options, [bag], "localization")
         odom_topic, _ = pose_topic(bag, options.odom_topic, settings.intake)
         long_term = map_directory.load_in(
             options.map, settings.mapper.probability_threshold, settings.mapping.map_frame
