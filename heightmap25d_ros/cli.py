@@ -11,6 +11,8 @@ import re
 import sys
 from collections.abc import Iterator
 
+import argcomplete
+
 from heightmap25d_ros.commands import (
     bringup,
     convert,
@@ -36,7 +38,9 @@ def main(arguments: list[str] | None = None) -> int:
     arguments = sys.argv[1:] if arguments is None else arguments
     if arguments[:1] == ["replay"]:  # the node's own command line
         os.execv(sys.executable, [sys.executable, "-m", REPLAY[0], REPLAY[1], *arguments[1:]])
-    options = _parser().parse_args(_with_negative_coordinates(arguments))
+    parser = _parser()
+    argcomplete.autocomplete(parser)  # ends the process where a shell asks for completions
+    options = parser.parse_args(_with_negative_coordinates(arguments))
     try:
         figures = options.command(options)
         status = 0
