@@ -49,7 +49,9 @@ class MappingNode(ManagedNode):
         ]
         return [
             *scans,
-            *pose_inputs(self.params.intake, self._on_odometry, self._on_transforms),
+            *pose_inputs(
+                self.params.intake, self._on_odometry, self._on_transforms, self.flatness
+            ),
             Input(
                 PoseWithCovarianceStamped, "pose_correction", self._mapping.take_correction,
                 qos.QUEUE,
