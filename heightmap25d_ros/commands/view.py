@@ -51,6 +51,8 @@ def _view(options: argparse.Namespace) -> Figures:
 
     Opens a window where neither --save nor --web is given.
     """
+    if not options.path.exists():
+        raise InputError(f"{options.path}: does not exist")
     from heightmap25d_ros.viz.rerun_scene import Scene3d  # noqa: PLC0415 - needs rerun
 
     settings = read_params(options)

@@ -232,6 +232,7 @@ def test_help_and_plain_figures(capsys, ramp_map):
         (("render", "nowhere", "-o", "out"), "nowhere"),
         (("evaluate", "nowhere", "--truth", TRUTH), "nowhere"),
         (("info", "nowhere"), "nowhere"),
+        (("view", "nowhere"), "nowhere: does not exist"),
         ((), "COMMAND"),
     ],
 )
