@@ -23,23 +23,6 @@ Figures = dict[str, Any]
 """What a command found, by name: printed as lines, or as JSON."""
 
 
-class NegativeResultError(Exception):
-    """A command did its work, and the answer is no.
-
-    Attributes
-    ----------
-    figures : Figures
-        What it found: printed as otherwise.
-    exit_status : int
-        Of the process.
-    """
-
-    def __init__(self, figures: Figures, exit_status: int) -> None:
-        super().__init__()
-        self.figures = figures
-        self.exit_status = exit_status
-
-
 def add_command(
     commands: Any, name: str, function: Callable[[argparse.Namespace], Figures], help_text: str
 ) -> argparse.ArgumentParser:
