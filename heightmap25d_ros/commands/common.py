@@ -6,6 +6,8 @@ from __future__ import annotations
 
 import argparse
 import os
+import sys
+from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,6 +18,8 @@ from heightmap25d_ros.io import map_directory
 from heightmap25d_ros.io.bag import Bag
 from heightmap25d_ros.params import files
 from heightmap25d_ros.params.sections import Params
+from heightmap25d_ros.pipelines.localization import Localizer
+from heightmap25d_ros.pipelines.mapping import Mapping
 from heightmap25d_ros.pipelines.replay import with_scan_topics
 from heightmap25d_ros.terrain.traversability import OCCUPIED, ObstacleMap
 
@@ -121,6 +125,30 @@ def read_bag_params(
     settings = files.params_of(options.params, values)
     is_named = "intake.scan_topics" in values
     return with_scan_topics(settings, bags, options.scan_topic, is_named=is_named)
+
+
+def warn(pipeline: Mapping | Localizer) -> list[str]:
+    """Say what was wrong with the messages of a drive; the sentences."""
+    sentences = [*pipeline.dropped.notices, *map(str, pipeline.problems())]
+    for sentence in sentences:
+        print(f"heightmap25d: warning: {sentence} (see docs/troubleshooting.md)", file=sys.stderr)
+    return sentences
+
+
+def figures_of(bags: Sequence[Bag]) -> Figures:
+    """Which bags were read, and what of them was not."""
+    paths = [str(bag.path) for bag in bags]
+    return {
+        **({"bag": paths[0]} if len(paths) == 1 else {"bags": paths}),
+        "damaged": dict(sum((bag.damaged for bag in bags), Counter())),
+        "other_types": dict(sum((bag.other_types for bag in bags), Counter())),
+    }
+
+
+def nothing_of(bag: Bag, pipeline: Mapping | Localizer, told: str) -> InputError:
+    """What to say where nothing came of a bag, and why."""
+    reasons = [*map(str, pipeline.problems()), str(pipeline.dropped)]
+    return InputError("; ".join(filter(None, [f"{bag.path}: {told}", *reasons])))
 
 
 def cell_counts(height_map: HeightMap, obstacle_map: ObstacleMap) -> Figures:

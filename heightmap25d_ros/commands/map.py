@@ -6,9 +6,7 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 import time
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -23,8 +21,11 @@ from heightmap25d_ros.commands.common import (
     add_topics,
     cell_counts,
     check_output,
+    figures_of,
+    nothing_of,
     read_bag_params,
     require_map,
+    warn,
 )
 from heightmap25d_ros.commands.stretch import add_stretch, stretch
 from heightmap25d_ros.errors import InputError
@@ -84,15 +85,13 @@ def _map(options: argparse.Namespace) -> Figures:
         seconds = time.perf_counter() - began
     if not height_map.known.any():
         raise _nothing_mapped(bags[-1], mapping)
-    warnings = [*mapping.dropped.notices, *map(str, mapping.problems())]
-    for warning in warnings:
-        print(f"heightmap25d: warning: {warning} (see docs/troubleshooting.md)", file=sys.stderr)
+    warnings = warn(mapping)
     frame = settings.mapping.map_frame
     layers = mapping.layers(height_map.geometry)
     map_directory.save(options.output, height_map, obstacle_map, frame, trajectory, layers)
     duration = sum(stop - start for start, stop in stretches) * 1e-9
     return {
-        **_figures_of(bags),
+        **figures_of(bags),
         "map": str(options.output),
         "merged": dict(mapping.merged),
         "dropped": dict(mapping.dropped),
@@ -102,16 +101,6 @@ def _map(options: argparse.Namespace) -> Figures:
         "real_time_factor": round(duration / seconds, 1),
         **{f"scan_p{p}_ms": round(np.percentile(scan_ms, p), 3) for p in (50, 95, 99)},
         "sha256": map_directory.digest(options.output),
-    }
-
-
-def _figures_of(bags: Sequence[Bag]) -> Figures:
-    """Which bags were read, and what of them was not."""
-    paths = [str(bag.path) for bag in bags]
-    return {
-        **({"bag": paths[0]} if len(paths) == 1 else {"bags": paths}),
-        "damaged": dict(sum((bag.damaged for bag in bags), Counter())),
-        "other_types": dict(sum((bag.other_types for bag in bags), Counter())),
     }
 
 
@@ -148,10 +137,7 @@ def _nothing_mapped(bag: Bag, mapping: Mapping) -> InputError:
     """Why nothing of a bag is in the map."""
     scans = mapping.merged["scans"]
     told = f"nothing could be mapped of {scans} scans" if scans else "no scan could be mapped"
-    problems = map(str, mapping.problems())
-    return InputError(
-        "; ".join(filter(None, [f"{bag.path}: {told}", *problems, str(mapping.dropped)]))
-    )
+    return nothing_of(bag, mapping, told)
 
 
 def _mapping_params(options: argparse.Namespace, bags: Sequence[Bag]) -> Params:

@@ -24,7 +24,7 @@ from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.input_watch import InputWatch
 from heightmap25d_ros.pipelines.scan_queue import Reading, ScanQueue
-from heightmap25d_ros.pipelines.self_check import Finding, Observed, findings, with_watch
+from heightmap25d_ros.pipelines.self_check import Finding, findings_of_drive
 from heightmap25d_ros.terrain.obstacle_grid import ObstacleGrid
 from heightmap25d_ros.terrain.traversability import ObstacleMap
 
@@ -253,14 +253,8 @@ class Mapping:
         return self._queue.watch
 
     def problems(self) -> list[Finding]:
-        """What was wrong with the messages of the whole drive, in the words of the self-check."""
-        refused = sum(n for reason, n in self.dropped.items() if reason.startswith("scan: bad "))
-        observed = Observed(
-            scans=self.watch.scans + refused,
-            dropped=Counter(self.dropped),
-            flat_poses=self.watch.flatness.poses,
-        )
-        return findings(with_watch(observed, self.watch, self.dropped))
+        """What was wrong with the messages of the whole drive, see `findings_of_drive`."""
+        return findings_of_drive(self.watch, self.dropped)
 
     @property
     def trouble(self) -> str:

@@ -25,14 +25,14 @@ MOUNTS = (
 FILES = map_directory.HEIGHT_GRID, map_directory.MAP_PGM, map_directory.MAP_YAML, LAYERS
 
 
-def drive(*, scan_delay=0, frame="odom", steps=2 * HALF):
-    """A robot that drives along x at 1 m/s towards a wall at x = 6 m; its z sways by 1 mm."""
+def drive(*, scan_delay=0, frame="odom", steps=2 * HALF, sway=0.001):
+    """A robot that drives along x at 1 m/s towards a wall at x = 6 m; its z sways [m]."""
     events = [("/tf_static", START, tf_message(*MOUNTS))]
     ground = 1.0 / (np.sin(DOWN) * np.cos(ANGLES))
     for index in range(steps):
         stamp, x = START + index * STEP, 0.02 * index
         events.append(
-            ("/odom", stamp, odometry(stamp, (x, 0.0, 0.001 * (index % 2)), frame_id=frame))
+            ("/odom", stamp, odometry(stamp, (x, 0.0, sway * (index % 2)), frame_id=frame))
         )
         wall = (6.0 - x) / np.cos(ANGLES)
         for topic, ranges, laser in (("/scan", wall, "level"), ("/scan_down", ground, "down")):
@@ -232,3 +232,14 @@ def test_a_file_that_names_the_default_topic_names_it(capsys, tmp_path):
     _, figures, _ = run(capsys, "map", bag, "-o", tmp_path / "map", "--params", params, *topic)
     _, expected, _ = run(capsys, "map", bag, "-o", tmp_path / "down", *topic)
     assert figures["sha256"] == expected["sha256"]
+
+
+def test_localize_says_what_was_wrong_with_a_drive(capsys, tmp_path):
+    bag = write_bag(tmp_path / "bag", drive(sway=0.0))
+    _, mapped, _ = run(capsys, "map", bag, "-o", tmp_path / "map")
+    status, figures, error = run(
+        capsys, "localize", bag, "--map", tmp_path / "map", "-o", tmp_path / "out"
+    )
+    assert (status, figures["warnings"]) == (0, mapped["warnings"])
+    assert "the odometry is flat: z, roll and pitch were exactly 0" in error
+    assert figures["damaged"] == figures["other_types"] == {}
