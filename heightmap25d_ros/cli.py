@@ -1,6 +1,10 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The command line: the same core on a recorded bag, deterministic and without a ROS graph."""
+"""The command line: the same core on a recorded bag, deterministic and without a ROS graph.
+
+This module imports hardly anything, so that Ctrl-C ends the process at once while the commands are
+imported, which takes seconds.
+"""
 
 from __future__ import annotations
 
@@ -8,26 +12,25 @@ import argparse
 import json
 import os
 import re
+import signal
 import sys
 from collections.abc import Iterator
+from importlib import import_module
+from types import FrameType
+from typing import Any
 
-from heightmap25d_ros.commands import (
-    bringup,
-    convert,
-    evaluate,
-    info,
-    localize,
-    plan,
-    render,
-    simulate,
-    view,
-)  # fmt: skip
-from heightmap25d_ros.commands import map as map_
-from heightmap25d_ros.commands.common import Figures, NegativeResultError
-from heightmap25d_ros.errors import InputError
+import argcomplete
+
+from heightmap25d_ros.errors import InputError, NegativeResultError
 from heightmap25d_ros.version import VERSION
 
 EXIT_UNUSABLE = 2
+EXIT_INTERRUPTED = 130
+COMMANDS = (
+    "map", "localize", "plan", "convert", "render", "evaluate", "info", "view", "simulate",
+    "bringup",
+)  # fmt: skip
+"""The commands in the order of ``--help``; each is a module of `commands` with an ``add_to``."""
 REPLAY = "heightmap25d_ros.executables", "replay"
 
 
@@ -36,7 +39,11 @@ def main(arguments: list[str] | None = None) -> int:
     arguments = sys.argv[1:] if arguments is None else arguments
     if arguments[:1] == ["replay"]:  # the node's own command line
         os.execv(sys.executable, [sys.executable, "-m", REPLAY[0], REPLAY[1], *arguments[1:]])
-    options = _parser().parse_args(_with_negative_coordinates(arguments))
+    while_starting = signal.signal(signal.SIGINT, _exit)
+    parser = _parser()
+    signal.signal(signal.SIGINT, while_starting)
+    argcomplete.autocomplete(parser)  # ends the process where a shell asks for completions
+    options = parser.parse_args(_with_negative_coordinates(arguments))
     try:
         figures = options.command(options)
         status = 0
@@ -49,13 +56,17 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"heightmap25d: {error.filename or 'output'}: {error.strerror}", file=sys.stderr)
         return EXIT_UNUSABLE
     except KeyboardInterrupt:
-        return 130
+        return EXIT_INTERRUPTED
     try:
         print(json.dumps(figures, indent=2) if options.json else "\n".join(_lines(figures)))
         sys.stdout.flush()
     except BrokenPipeError:  # whoever read has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return status
+
+
+def _exit(signal_number: int, frame: FrameType | None) -> None:
+    os._exit(EXIT_INTERRUPTED)
 
 
 def _with_negative_coordinates(arguments: list[str]) -> list[str]:
@@ -80,14 +91,12 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"heightmap25d {VERSION}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     commands.add_parser("replay", help="a bag on its topics, and /clock (needs ROS)")
-    for command in (
-        map_, localize, plan, convert, render, evaluate, info, view, simulate, bringup,
-    ):  # fmt: skip
-        command.add_to(commands)
+    for name in COMMANDS:
+        import_module(f"heightmap25d_ros.commands.{name}").add_to(commands)
     return parser
 
 
-def _lines(figures: Figures, indent: str = "") -> Iterator[str]:
+def _lines(figures: dict[str, Any], indent: str = "") -> Iterator[str]:
     """The figures as aligned lines of text."""
     width = max((len(name) for name in figures), default=0)
     for name, value in figures.items():

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """ros2 launch heightmap25d_ros bringup.launch.py params_file:=my_robot.yaml: the nodes."""
 
+from pathlib import Path
+
 import yaml
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
@@ -18,6 +20,8 @@ def start(context):
     """The nodes that are asked for; when one ends by itself, so do the others."""
     names = [*bringup.ARGUMENTS, "autostart"]
     argument = {name: LaunchConfiguration(name).perform(context) for name in names}
+    if not Path(argument["params_file"]).is_file():
+        raise ValueError(f"params_file:={argument['params_file']}: is not a file")
     switches = {name: switch(name, argument[name]) for name in ("use_sim_time", "autostart")}
     return [
         Node(

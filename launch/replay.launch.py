@@ -4,13 +4,18 @@
 
 from ament_index_python import get_package_share_path
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node, SetRemap
 
 from heightmap25d_ros.commands import bringup
 
 PACKAGE = "heightmap25d_ros"
+
+
+def after_replay(event, context):
+    """A bag that cannot be played ends the nodes; after its end they go on, with their map."""
+    return Shutdown(reason="the bag cannot be played") if event.returncode else None
 
 
 def generate_launch_description():
@@ -35,6 +40,7 @@ def generate_launch_description():
                     "60",
                 ],
                 output="screen",
+                on_exit=after_replay,
             ),
         ]
     )

@@ -23,7 +23,9 @@ from heightmap25d_ros.params.sections import Params
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), ROOT / "bags" / "README.md"])
 CHEAP = {"info", "map", "convert", "evaluate", "render", "plan"}
 # Of the machine, or of ROS workspaces elsewhere: nothing of ours to be held against.
-FOREIGN = {"cd", "git", "sudo", "rosdep", "colcon", "rm", "uv", "grep", "python3"}
+FOREIGN = {
+    "cd", "colcon", "docker", "git", "grep", "pip3", "python3", "rm", "rosdep", "sudo", "uv",
+}  # fmt: skip
 
 
 def commands(page):

@@ -38,6 +38,7 @@ ROOMS = [room for storey in STOREYS for room in storey]
 # have none, llvmlite comes with numba, lz4 and zstd (backports, or compression from Python 3.14 on)
 # with rosbags, and grid_map_msgs is used where it is.
 ROSDEP_KEYS = {
+    "argcomplete": "python3-argcomplete",
     "backports": None,
     "compression": None,
     "grid_map_msgs": None,

@@ -15,7 +15,8 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, NoReturn
 
-from heightmap25d_ros.commands.common import Figures, NegativeResultError, add_command, read_params
+from heightmap25d_ros.commands.common import Figures, add_command, read_params
+from heightmap25d_ros.errors import NegativeResultError
 
 PACKAGE = "heightmap25d_ros"
 NODES = ("mapping", "planning", "localization", "markers", "simulator")
@@ -34,8 +35,9 @@ ARGUMENTS = {
 REMAPPINGS = (("/tf", "tf"), ("/tf_static", "tf_static"))
 """In a namespace transforms are the namespace's own, so that several robots do not mix."""
 
-# A node whose interpreter has just begun is ended by the signal itself.
-_GOOD_ENDINGS = (0, -signal.SIGINT)
+# A node whose interpreter has just begun is ended by the signal itself: without a traceback, which
+# SIGINT would leave then.
+_GOOD_ENDINGS = (0, -signal.SIGTERM)
 _PATIENCE = 5.0  # [s] for the nodes to end; saving a large map takes a while
 
 
@@ -123,14 +125,14 @@ def _started(name: str, options: argparse.Namespace) -> subprocess.Popen[bytes]:
 
 
 def _ending(status: int) -> str:
-    return "stopped while it started" if status == -signal.SIGINT else f"ended with {status}"
+    return "stopped while it started" if status == -signal.SIGTERM else f"ended with {status}"
 
 
 def _end(processes: dict[str, subprocess.Popen[bytes]]) -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)  # the nodes are ending already
     for process in processes.values():
-        process.send_signal(signal.SIGINT)
+        process.send_signal(signal.SIGTERM)
     deadline = time.monotonic() + _PATIENCE
     for process in processes.values():
         try:

@@ -6,36 +6,25 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Callable
+import sys
+from collections import Counter
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.io import map_directory
+from heightmap25d_ros.io.bag import Bag
 from heightmap25d_ros.params import files
 from heightmap25d_ros.params.sections import Params
+from heightmap25d_ros.pipelines.localization import Localizer
+from heightmap25d_ros.pipelines.mapping import Mapping
+from heightmap25d_ros.pipelines.replay import with_scan_topics
 from heightmap25d_ros.terrain.traversability import OCCUPIED, ObstacleMap
 
 Figures = dict[str, Any]
 """What a command found, by name: printed as lines, or as JSON."""
-
-
-class NegativeResultError(Exception):
-    """A command did its work, and the answer is no.
-
-    Attributes
-    ----------
-    figures : Figures
-        What it found: printed as otherwise.
-    exit_status : int
-        Of the process.
-    """
-
-    def __init__(self, figures: Figures, exit_status: int) -> None:
-        super().__init__()
-        self.figures = figures
-        self.exit_status = exit_status
 
 
 def add_command(
@@ -118,6 +107,48 @@ def read_params(options: argparse.Namespace, node: str = "mapping") -> Params:
         If the file cannot be read or holds an unknown or unusable parameter.
     """
     return files.read_yaml(options.params, node) if options.params else Params()
+
+
+def read_bag_params(
+    options: argparse.Namespace, bags: Sequence[Bag], node: str = "mapping"
+) -> Params:
+    """The same, with scan topics of bags in them: of ``--scan-topic``, ``--params``, or all.
+
+    Raises
+    ------
+    InputError
+        As `read_params`; or if a bag lacks one that is named, or has none at all.
+    """
+    if not options.params:
+        return with_scan_topics(Params(), bags, options.scan_topic)
+    values = files.values_in(options.params, node)
+    settings = files.params_of(options.params, values)
+    is_named = "intake.scan_topics" in values
+    return with_scan_topics(settings, bags, options.scan_topic, is_named=is_named)
+
+
+def warn(pipeline: Mapping | Localizer) -> list[str]:
+    """Say what was wrong with the messages of a drive; the sentences."""
+    sentences = [*pipeline.dropped.notices, *map(str, pipeline.problems())]
+    for sentence in sentences:
+        print(f"heightmap25d: warning: {sentence} (see docs/troubleshooting.md)", file=sys.stderr)
+    return sentences
+
+
+def figures_of(bags: Sequence[Bag]) -> Figures:
+    """Which bags were read, and what of them was not."""
+    paths = [str(bag.path) for bag in bags]
+    return {
+        **({"bag": paths[0]} if len(paths) == 1 else {"bags": paths}),
+        "damaged": dict(sum((bag.damaged for bag in bags), Counter())),
+        "other_types": dict(sum((bag.other_types for bag in bags), Counter())),
+    }
+
+
+def nothing_of(bag: Bag, pipeline: Mapping | Localizer, told: str) -> InputError:
+    """What to say where nothing came of a bag, and why."""
+    reasons = [*map(str, pipeline.problems()), str(pipeline.dropped)]
+    return InputError("; ".join(filter(None, [f"{bag.path}: {told}", *reasons])))
 
 
 def cell_counts(height_map: HeightMap, obstacle_map: ObstacleMap) -> Figures:

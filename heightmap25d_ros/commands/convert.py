@@ -16,7 +16,7 @@ from heightmap25d_ros.commands.common import (
     read_params,
     require_map,
 )
-from heightmap25d_ros.io import map_directory
+from heightmap25d_ros.io import layers_file, map_directory
 from heightmap25d_ros.terrain.traversability import to_obstacle_map
 
 
@@ -36,5 +36,6 @@ def _convert(options: argparse.Namespace) -> Figures:
     output = options.output or options.map
     loaded = map_directory.load(options.map, settings.mapper.probability_threshold)
     obstacle_map = to_obstacle_map(loaded.height_map, settings.traversability)
-    map_directory.save(output, loaded.height_map, obstacle_map, loaded.frame_id)
+    layers = layers_file.load(options.map, loaded.height_map)
+    map_directory.save(output, loaded.height_map, obstacle_map, loaded.frame_id, layers=layers)
     return {"map": str(output), **cell_counts(loaded.height_map, obstacle_map)}

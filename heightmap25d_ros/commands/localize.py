@@ -22,10 +22,12 @@ from heightmap25d_ros.commands.common import (
     add_command,
     add_topics,
     check_output,
-    read_params,
+    figures_of,
+    nothing_of,
+    read_bag_params,
     require_map,
+    warn,
 )
-from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.evaluation import trajectory_error
 from heightmap25d_ros.evaluation.trajectory_error import TrajectoryError
 from heightmap25d_ros.grid.height_map import HeightMap
@@ -35,7 +37,7 @@ from heightmap25d_ros.localization.surface import surface_of
 from heightmap25d_ros.localization.tracker import Attempt
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.localization import Localizer, compile_kernels
-from heightmap25d_ros.pipelines.replay import pose_topic, replayed, with_scan_topics
+from heightmap25d_ros.pipelines.replay import pose_topic, replayed
 from heightmap25d_ros.viz import localization_figures
 
 Trajectory = list[tuple[int, se3.Matrix]]
@@ -78,7 +80,7 @@ def _localize(options: argparse.Namespace) -> Figures:
     require_map(options.map)
     check_output(options.output)
     with Bag(options.bag) as bag:
-        settings = with_scan_topics(read_params(options, "localization"), bag, options.scan_topic)
+        settings = read_bag_params(options, [bag], "localization")
         odom_topic, _ = pose_topic(bag, options.odom_topic, settings.intake)
         long_term = map_directory.load_in(
             options.map, settings.mapper.probability_threshold, settings.mapping.map_frame
@@ -103,8 +105,8 @@ def _localize(options: argparse.Namespace) -> Figures:
         truth = _truth(bag, settings)
         duration = bag.duration
     if not attempts:
-        reasons = str(localizer.dropped) or "the bag has no scans"
-        raise InputError(f"{options.bag}: nothing to register; {reasons}")
+        raise nothing_of(bag, localizer, "nothing to register")
+    warnings = warn(localizer)
     T_map_odom = corrected[0][1] @ se3.inverse(odometry[0][1])
     odometry = [(stamp, T_map_odom @ T) for stamp, T in odometry]
     options.output.mkdir(parents=True, exist_ok=True)
@@ -112,12 +114,13 @@ def _localize(options: argparse.Namespace) -> Figures:
     _write_attempts(options.output / REGISTRATIONS, attempts)
     _draw(options.output, long_term, settings, attempts, (corrected, odometry, truth))
     return {
-        "bag": str(options.bag),
+        **figures_of([bag]),
         "output": str(options.output),
         "registrations": len(attempts),
         "outcomes": _counted(f"{a.kind.value}: {a.registration.reason.value}" for a in attempts),
         "state": attempts[-1].state.name,
         "dropped": dict(localizer.dropped),
+        "warnings": [*bag.warnings, *warnings],
         **_errors(corrected, odometry, truth),
         "processing_s": round(seconds, 3),
         "real_time_factor": round(duration / seconds, 1),

@@ -1,12 +1,14 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""``heightmap25d map``: a map directory from a bag."""
+"""``heightmap25d map``: a map directory from bags."""
 
 from __future__ import annotations
 
 import argparse
-import sys
+import math
 import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +20,14 @@ from heightmap25d_ros.commands.common import (
     add_command,
     add_topics,
     cell_counts,
-    read_params,
+    check_output,
+    figures_of,
+    nothing_of,
+    read_bag_params,
+    require_map,
+    warn,
 )
+from heightmap25d_ros.commands.stretch import add_stretch, stretch
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.io import map_directory
 from heightmap25d_ros.io.bag import Bag
@@ -27,15 +35,22 @@ from heightmap25d_ros.params.by_name import with_values
 from heightmap25d_ros.params.sections import MapperParams, Params
 from heightmap25d_ros.params.spec import specs
 from heightmap25d_ros.pipelines.mapping import Mapping, compile_kernels
-from heightmap25d_ros.pipelines.replay import pose_topic, replayed, with_scan_topics
+from heightmap25d_ros.pipelines.replay import Step, pose_topic, replayed
+from heightmap25d_ros.pipelines.scan_queue import Reading
 
 
 def add_to(commands: Any) -> None:
     """Add ``map``."""
-    command = add_command(commands, "map", _map, "a map directory from a bag")
-    command.add_argument("bag", type=Path, metavar="BAG", help="rosbag2 directory, or a file of it")
+    command = add_command(commands, "map", _map, "a map directory from bags")
+    command.add_argument("bags", type=Path, nargs="+", metavar="BAG",
+                         help="rosbag2 directory, or a file of it; several are mapped one after "
+                         "the other, their poses must be in one frame")  # fmt: skip
     command.add_argument("-o", "--output", type=Path, required=True, metavar="DIR",
                          help="map directory to write")  # fmt: skip
+    command.add_argument("--initial-map", type=Path, metavar="DIR",
+                         help="map directory to go on from (default: mapping.initial_map of "
+                         "--params, below mapping.map_directory)")  # fmt: skip
+    add_stretch(command)
     add_topics(command)
     rules = dict((name, spec) for name, spec, _ in specs(MapperParams()))
     command.add_argument("--update-rule", choices=rules["update_rule"].choices,
@@ -43,59 +58,91 @@ def add_to(commands: Any) -> None:
 
 
 def _map(options: argparse.Namespace) -> Figures:
-    """Map a bag: scans and 3-D odometry in, a map directory out; the same bag, the same bytes."""
-    with Bag(options.bag) as bag:
-        settings = _mapping_params(options, bag)
-        odom_topic, _ = pose_topic(bag, options.odom_topic, settings.intake)
+    """Map bags: scans and 3-D odometry in, a map directory out; the same bags, the same bytes.
+
+    Several bags make the map of one long drive with poses in one frame. Where a bag begins, scans
+    before its first pose are not used, nor those after the last pose of the one before it.
+    """
+    check_output(options.output)
+    if len(options.bags) > 1 and (options.start or options.duration < math.inf):
+        raise InputError("--start and --duration are for a single bag")
+    with ExitStack() as stack:
+        bags = [stack.enter_context(Bag(path)) for path in options.bags]
+        settings = _mapping_params(options, bags)
+        mapping = _begun(options, settings)
+        topics = [pose_topic(bag, options.odom_topic, settings.intake)[0] for bag in bags]
+        stretches = [stretch(bag, options) for bag in bags]
         compile_kernels(settings)  # not what is timed below
-        mapping = Mapping(settings)
+        began = time.perf_counter()
         trajectory: list[tuple[int, se3.Matrix]] = []
         scan_ms: list[float] = []
-        began = time.perf_counter()
-        for step in replayed(bag, mapping, odom_topic, settings.intake):
-            count = len(step.outcomes)
-            scan_ms += [step.milliseconds / max(count, 1)] * count
-            trajectory += [(r.scan.stamp_ns, r.T_map_base[0]) for r in step.outcomes]
+        for bag, topic, part in zip(bags, topics, stretches, strict=True):
+            for step in _drive(mapping, bag, topic, settings, part):
+                count = len(step.outcomes)
+                scan_ms += [step.milliseconds / max(count, 1)] * count
+                trajectory += [(r.scan.stamp_ns, r.T_map_base[0]) for r in step.outcomes]
         height_map, obstacle_map = mapping.maps()
         seconds = time.perf_counter() - began
-        duration = bag.duration
-    problems = [str(problem) for problem in mapping.problems()]
-    if not scan_ms or not height_map.known.any():
-        raise InputError(f"{options.bag}: {_reasons(mapping, problems)}")
-    for problem in problems:
-        print(f"heightmap25d: warning: {problem} (see docs/troubleshooting.md)", file=sys.stderr)
+    if not height_map.known.any():
+        raise _nothing_mapped(bags[-1], mapping)
+    warnings = warn(mapping)
     frame = settings.mapping.map_frame
     layers = mapping.layers(height_map.geometry)
     map_directory.save(options.output, height_map, obstacle_map, frame, trajectory, layers)
-    p50, p95, p99 = np.percentile(scan_ms, [50, 95, 99])
+    duration = sum(stop - start for start, stop in stretches) * 1e-9
     return {
-        "bag": str(options.bag),
+        **figures_of(bags),
         "map": str(options.output),
         "merged": dict(mapping.merged),
         "dropped": dict(mapping.dropped),
-        "damaged": dict(bag.damaged),
-        "other_types": dict(bag.other_types),
-        "warnings": [*bag.warnings, *mapping.dropped.notices, *problems],
+        "warnings": [*(line for bag in bags for line in bag.warnings), *warnings],
         **cell_counts(height_map, obstacle_map),
         "processing_s": round(seconds, 3),
         "real_time_factor": round(duration / seconds, 1),
-        "scan_p50_ms": round(p50, 3),
-        "scan_p95_ms": round(p95, 3),
-        "scan_p99_ms": round(p99, 3),
+        **{f"scan_p{p}_ms": round(np.percentile(scan_ms, p), 3) for p in (50, 95, 99)},
         "sha256": map_directory.digest(options.output),
     }
 
 
-def _reasons(mapping: Mapping, problems: list[str]) -> str:
-    """Why a map would be empty."""
-    merged = mapping.merged["scans"]
-    begin = f"the map is empty after {merged} scans" if merged else "no scan could be mapped"
-    return "; ".join([begin, *problems, *filter(None, [str(mapping.dropped)])])
+def _begun(options: argparse.Namespace, settings: Params) -> Mapping:
+    """A map to write into: empty, or the initial one."""
+    mapping = Mapping(settings)
+    directory, name = options.initial_map, settings.mapping.initial_map
+    if directory is None and name:
+        directory = map_directory.map_path(Path(settings.mapping.map_directory), name)
+    if directory is not None:
+        require_map(directory)
+        mapping.load(directory)
+    return mapping
 
 
-def _mapping_params(options: argparse.Namespace, bag: Bag) -> Params:
-    """The parameters with the topics of this bag in them."""
-    settings = with_scan_topics(read_params(options), bag, options.scan_topic)
+def _drive(
+    mapping: Mapping, bag: Bag, odom_topic: str, settings: Params, part: tuple[int, int]
+) -> Iterator[Step[Reading]]:
+    """Map a stretch of a bag; InputError where nothing of it is mapped, or in another frame."""
+    before, returns = mapping.odometry, mapping.merged["returns"]
+    mapping.begin_drive()
+    yield from replayed(bag, mapping, odom_topic, settings.intake, part)
+    if mapping.merged["returns"] == returns:
+        raise _nothing_mapped(bag, mapping)
+    newest = mapping.odometry
+    if before is not None and newest is not None and newest.frame_id != before.frame_id:
+        raise InputError(
+            f"{bag.path}: its poses are in {newest.frame_id!r}, those of the bag before it in "
+            f"{before.frame_id!r}"
+        )
+
+
+def _nothing_mapped(bag: Bag, mapping: Mapping) -> InputError:
+    """Why nothing of a bag is in the map."""
+    scans = mapping.merged["scans"]
+    told = f"nothing could be mapped of {scans} scans" if scans else "no scan could be mapped"
+    return nothing_of(bag, mapping, told)
+
+
+def _mapping_params(options: argparse.Namespace, bags: Sequence[Bag]) -> Params:
+    """The parameters with the topics of these bags in them."""
+    settings = read_bag_params(options, bags)
     if options.update_rule:
         return with_values(settings, {"mapper.update_rule": options.update_rule})
     return settings

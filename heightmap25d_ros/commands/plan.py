@@ -12,12 +12,12 @@ from typing import Any
 from heightmap25d_ros import se3
 from heightmap25d_ros.commands.common import (
     Figures,
-    NegativeResultError,
     add_command,
     check_output,
     read_params,
     require_map,
 )
+from heightmap25d_ros.errors import NegativeResultError
 from heightmap25d_ros.evaluation.path_drivability import evaluate_path
 from heightmap25d_ros.evaluation.truth import read_ground
 from heightmap25d_ros.io import map_directory, trajectory

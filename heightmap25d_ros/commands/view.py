@@ -13,11 +13,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from heightmap25d_ros.commands.common import Figures, add_command, read_params
+from heightmap25d_ros.commands.common import (
+    Figures,
+    add_command,
+    add_topics,
+    read_bag_params,
+    read_params,
+)
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.io import map_directory, trajectory
 from heightmap25d_ros.io.bag import Bag
-from heightmap25d_ros.params.by_name import with_values
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.mapping import Mapping
 from heightmap25d_ros.pipelines.replay import pose_topic, replayed
@@ -33,8 +38,7 @@ def add_to(commands: Any) -> None:
     """Add ``view``."""
     command = add_command(commands, "view", _view, "a map or a bag in 3-D (needs rerun)")
     command.add_argument("path", type=Path, metavar="DIR|BAG", help="map directory, or rosbag2")
-    command.add_argument("--odom-topic", metavar="T",
-                         help="of a bag (default: /odom, or the only one)")  # fmt: skip
+    add_topics(command)
     where = command.add_mutually_exclusive_group()
     where.add_argument("--save", type=Path, metavar="FILE.rrd",
                        help="write a recording for `rerun FILE.rrd`")  # fmt: skip
@@ -47,6 +51,8 @@ def _view(options: argparse.Namespace) -> Figures:
 
     Opens a window where neither --save nor --web is given.
     """
+    if not options.path.exists():
+        raise InputError(f"{options.path}: does not exist")
     from heightmap25d_ros.viz.rerun_scene import Scene3d  # noqa: PLC0415 - needs rerun
 
     settings = read_params(options)
@@ -56,10 +62,7 @@ def _view(options: argparse.Namespace) -> Figures:
     if not (options.save or options.web or _has_display()):
         raise InputError("view: there is no display here; give --save FILE.rrd or --web")
     scene = Scene3d(options.path.name, settings.traversability, settings.planner, options.save)
-    if is_map:
-        figures = _show_map(scene, options.path, settings)
-    else:
-        figures = _show_bag(scene, options.path, settings, options.odom_topic)
+    figures = _show_map(scene, options.path, settings) if is_map else _show_bag(scene, options)
     if options.save is None and options.web is None:
         scene.open_window()
     if options.web is not None:
@@ -82,10 +85,11 @@ def _show_map(scene: Scene3d, path: Path, settings: Params) -> Figures:
     return {"map": str(path), "known_cells": int(height_map.known.sum())}
 
 
-def _show_bag(scene: Scene3d, path: Path, settings: Params, odom_topic: str | None) -> Figures:
+def _show_bag(scene: Scene3d, options: argparse.Namespace) -> Figures:
+    path: Path = options.path
     with Bag(path) as bag:
-        settings = with_values(settings, {"intake.scan_topics": bag.scan_topics()})
-        odom_topic, _ = pose_topic(bag, odom_topic, settings.intake)
+        settings = read_bag_params(options, [bag])
+        odom_topic, _ = pose_topic(bag, options.odom_topic, settings.intake)
         mapping = Mapping(settings)
         way: list[Any] = []
         shown = {"map": -np.inf, "pose": -np.inf}

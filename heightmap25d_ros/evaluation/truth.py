@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
+from zipfile import BadZipFile, is_zipfile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +49,11 @@ def truth_file(path: Path, fault: str) -> Iterator[Any]:
     InputError
         If the file cannot be read, or has other content (described by ``fault``).
     """
+    if path.is_dir():
+        raise InputError(f"{path}: {fault}: it is a directory")
     try:
+        if path.exists() and not is_zipfile(path):
+            raise InputError(f"{path}: {fault}: it is no npz file")
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             yield archive
     except OSError as error:

@@ -216,9 +216,13 @@ class Bag:
         raise self._without(message_type)
 
     def events(
-        self, topics: Collection[str], types: Mapping[str, str] | None = None
+        self,
+        topics: Collection[str],
+        types: Mapping[str, str] | None = None,
+        start_ns: int | None = None,
+        stop_ns: int | None = None,
     ) -> Iterator[Event]:
-        """The messages of some topics, decoded, in order of time.
+        """The messages of some topics, decoded, in order of time, from start to before stop.
 
         A message whose bytes are damaged is skipped and counted in ``damaged``.
 
@@ -228,6 +232,8 @@ class Bag:
         types : dict of topic name to message type, optional
             What to read a topic as, if not as its ``Topic.message_type``. Messages of other types
             on a topic are counted in ``other_types``.
+        start_ns, stop_ns : int [ns], optional
+            When they were recorded; all by default.
 
         Raises
         ------
@@ -238,7 +244,7 @@ class Bag:
         with self._naming_the_path():
             for name, message_type in read_as.items():
                 learn(self._store, message_type, self._of_topic(name))
-        for topic, stamp_ns, data in self._raw_events(read_as):
+        for topic, stamp_ns, data in self._raw_events(read_as, start_ns, stop_ns):
             try:
                 message = self._store.deserialize_cdr(data, read_as[topic])
             except SerdeError:

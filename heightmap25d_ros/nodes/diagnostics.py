@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from nav_msgs.msg import Odometry
 from rclpy.clock import Clock, ClockType
 from rclpy.qos import DurabilityPolicy, QoSCompatibility, qos_check_compatible
 from rclpy.subscription import Subscription
@@ -87,6 +86,11 @@ class Diagnostics:
     Parameters
     ----------
     node : rclpy.node.Node, and Reporting
+
+    Attributes
+    ----------
+    flatness : Flatness
+        Of the poses since the activation.
     """
 
     def __init__(self, node: Any) -> None:
@@ -104,9 +108,6 @@ class Diagnostics:
 
         def take(message: Any) -> None:
             counted.received += 1
-            if entry.kind is Odometry:
-                pose = message.pose.pose
-                self._flatness.observe(pose.position.z, pose.orientation.x, pose.orientation.y)
             entry.callback(message)
 
         subscription = self._node.create_subscription(entry.kind, entry.topic, take, entry.profile)
@@ -145,7 +146,7 @@ class Diagnostics:
     def deactivate(self) -> None:
         """Nothing is subscribed any more."""
         self._inputs: list[_Counted] = []
-        self._flatness = Flatness()
+        self.flatness = Flatness()
         self._is_settled = False
         self._trouble = ""
         self._watch = Watch()
@@ -201,7 +202,7 @@ class Diagnostics:
             scans=sum(h.received for h in self._inputs if h.subscription.msg_type is LaserScan),
             dropped=Counter(dropped),
             clock_ns=self._clock_ns if is_simulated else None,
-            flat_poses=self._flatness.poses,
+            flat_poses=self.flatness.poses,
         )
         watch = getattr(self._node, "watch", None)
         return observed if watch is None else with_watch(observed, watch, dropped)

@@ -23,6 +23,7 @@ from heightmap25d_ros.nodes.interface import Input, Output, Service
 from heightmap25d_ros.params import by_name
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.drops import Drops
+from heightmap25d_ros.pipelines.input_watch import Flatness
 
 REPORT_PERIOD = 5.0
 """Between two log lines about dropped messages [s]."""
@@ -86,6 +87,11 @@ class ManagedNode(LifecycleNode):
 
     def start(self) -> None:
         """Make timers, and publish what is known at the start. Subscriptions are made already."""
+
+    @property
+    def flatness(self) -> Flatness:
+        """Whether all poses since the activation lie exactly in the plane."""
+        return self._diagnostics.flatness
 
     @property
     def dropped(self) -> Drops:

@@ -59,7 +59,7 @@ class LocalizationNode(ManagedNode):
         )  # fmt: skip
         return [
             *scans,
-            *pose_inputs(self.params.intake, self._on_odometry, self._on_transforms),
+            *pose_inputs(self.params.intake, self._on_odometry, self._on_transforms, self.flatness),
             Input(PoseWithCovarianceStamped, "initialpose", self._on_initial_pose, qos.QUEUE),
             *([] if self.params.localization.map_directory else [long_term]),
         ]

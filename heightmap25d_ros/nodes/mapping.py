@@ -18,7 +18,7 @@ from tf2_msgs.msg import TFMessage
 from heightmap25d_msgs.msg import LocalizationStatus
 from heightmap25d_msgs.srv import LoadMap, SaveMap
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.io import encode, layers_file, map_directory
+from heightmap25d_ros.io import encode, map_directory
 from heightmap25d_ros.nodes import map_transform, qos, runtime
 from heightmap25d_ros.nodes.interface import Input, Output, Service
 from heightmap25d_ros.nodes.lifecycle import REPORT_PERIOD, ManagedNode
@@ -49,7 +49,9 @@ class MappingNode(ManagedNode):
         ]
         return [
             *scans,
-            *pose_inputs(self.params.intake, self._on_odometry, self._on_transforms),
+            *pose_inputs(
+                self.params.intake, self._on_odometry, self._on_transforms, self.flatness
+            ),
             Input(
                 PoseWithCovarianceStamped, "pose_correction", self._mapping.take_correction,
                 qos.QUEUE,
@@ -209,13 +211,7 @@ class MappingNode(ManagedNode):
 
     def _load(self, name: str) -> None:
         path = self._path(name)
-        height_map = map_directory.load_in(
-            path, self.params.mapper.probability_threshold, self._frame
-        )
-        try:
-            self._mapping.clear(height_map, layers_file.load(path, height_map))
-        except ValueError as error:
-            raise InputError(f"{path}: {error}") from None
+        self._mapping.load(path)
         self._version += 1
         self._saved = self._version
         self.get_logger().info(f"map loaded: {path}")

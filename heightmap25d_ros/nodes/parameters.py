@@ -60,7 +60,8 @@ def declare_params(node: Node, used: Sequence[str]) -> Params:
         if value == ():
             _declare_empty(node, name, descriptor)
         else:
-            node.declare_parameter(name, value, descriptor)
+            # The override is in the value, and may be an integer where that is not one.
+            node.declare_parameter(name, value, descriptor, ignore_override=True)
     return params
 
 

@@ -41,7 +41,9 @@ class PlanningNode(ManagedNode):
         """The map, the robot and its goals."""
         return [
             Input(HeightGrid, "height_grid", self._on_map, qos.LATCHED, is_needed=True),
-            *pose_inputs(self.params.intake, self._on_odometry, self._on_transforms),
+            *pose_inputs(
+                self.params.intake, self._on_odometry, self._on_transforms, self.flatness
+            ),
             Input(PoseStamped, "goal_pose", self._on_goal, qos.QUEUE),
             Input(
                 PoseWithCovarianceStamped, "pose_correction", self._planning.take_correction,

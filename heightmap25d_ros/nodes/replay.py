@@ -9,7 +9,6 @@ the whole bag go out first, latched.
 from __future__ import annotations
 
 import argparse
-import math
 import signal
 import sys
 import time
@@ -23,6 +22,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.validate_topic_name import validate_topic_name
 
+from heightmap25d_ros.commands.stretch import add_stretch, not_negative, positive, stretch
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.io.bag import Bag
 from heightmap25d_ros.nodes import runtime
@@ -41,17 +41,14 @@ def _parser() -> argparse.ArgumentParser:
     )
     add = parser.add_argument
     add("bag", type=Path, metavar="BAG", help="rosbag2 directory, or a .mcap, .db3 or .bag file")
-    add("--rate", type=_positive, default=1.0, metavar="R", help="times real time (default: 1)")
+    add("--rate", type=positive, default=1.0, metavar="R", help="times real time (default: 1)")
     add("--loop", action="store_true", help="from the beginning again, until Ctrl-C")
-    add("--start", type=_not_negative, default=0.0, metavar="S",
-        help="seconds of the bag to leave out at its beginning")  # fmt: skip
-    add("--duration", type=_positive, default=math.inf, metavar="D",
-        help="seconds of the bag to publish (default: all)")  # fmt: skip
+    add_stretch(parser)
     add("--remap", type=_rule, nargs="+", action="extend", default=[], metavar="/A:=/B",
         help="publish under other names; -r of --ros-args works as well")  # fmt: skip
     add("--topics", nargs="+", action="extend", metavar="/T",
         help="publish only these, by their names in the bag (default: all)")  # fmt: skip
-    add("--wait", type=_not_negative, default=5.0, metavar="N",
+    add("--wait", type=not_negative, default=5.0, metavar="N",
         help="seconds to wait at most for subscribers at first (default: 5)")  # fmt: skip
     return parser
 
@@ -64,20 +61,6 @@ def _split(arguments: list[str]) -> tuple[list[str], list[str]]:
     return arguments[:first] + arguments[last + 1 :], ["--ros-args", *arguments[first + 1 : last]]
 
 
-def _positive(text: str) -> float:
-    number = _not_negative(text)
-    if not number:
-        raise argparse.ArgumentTypeError(f"{text} is not above 0")
-    return number
-
-
-def _not_negative(text: str) -> float:
-    number = float(text)
-    if not 0.0 <= number < math.inf:
-        raise argparse.ArgumentTypeError(f"{text} is not a number from 0 on")
-    return number
-
-
 def _rule(text: str) -> str:
     try:
         if text.count(":=") == 1 and all(map(validate_topic_name, text.split(":="))):
@@ -85,17 +68,6 @@ def _rule(text: str) -> str:
     except NameValidationException:
         pass
     raise argparse.ArgumentTypeError(f"{text} is not of the form /a:=/b")
-
-
-def _stretch(bag: Bag, options: argparse.Namespace) -> tuple[int, int]:
-    """From when to before when to publish [ns]."""
-    if options.start > bag.duration:
-        raise InputError(f"--start {options.start:g}: {bag.path} lasts {bag.duration:.1f} s")
-    start_ns = bag.start_ns + round(options.start * 1e9)
-    stop_ns = bag.end_ns + 1
-    if options.duration < bag.duration:
-        stop_ns = min(stop_ns, start_ns + round(options.duration * 1e9))
-    return start_ns, stop_ns
 
 
 def _topics(bag: Bag, wanted: list[str] | None) -> list[str]:
@@ -106,7 +78,7 @@ def _topics(bag: Bag, wanted: list[str] | None) -> list[str]:
 
 
 def _run(node: Node, bag: Bag, options: argparse.Namespace) -> None:
-    start_ns, stop_ns = _stretch(bag, options)
+    start_ns, stop_ns = stretch(bag, options)
     player = Player(node, bag, _topics(bag, options.topics))
     if player.skipped:
         print(f"replay: types not installed, skipped: {', '.join(player.skipped)}")

@@ -19,13 +19,38 @@ from heightmap25d_ros.params.spec import Value
 def read_yaml(path: Path, node: str) -> Params:
     """The parameters of a node from a ROS parameter file; defaults for what it does not set.
 
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is not a parameter file, or sets an invalid parameter.
+    """
+    return params_of(path, values_in(path, node))
+
+
+def params_of(path: Path, values: Mapping[str, Any]) -> Params:
+    """The parameters with the values that a file sets.
+
+    Raises
+    ------
+    InputError
+        If one of them is invalid; it names the file.
+    """
+    try:
+        return with_values(Params(), values)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def values_in(path: Path, node: str) -> dict[str, Any]:
+    """What a ROS parameter file sets for a node, by full name and as it is there.
+
     Blocks for all nodes (``/**``) and for this one (``mapping``, ``/**/mapping``) apply, in any
     namespace, in the order of the file.
 
     Raises
     ------
     InputError
-        If the file cannot be read, is not a parameter file, or sets an invalid parameter.
+        If the file cannot be read or is not a parameter file.
     """
     try:
         document = yaml.safe_load(path.read_text(encoding="utf-8"))
@@ -38,10 +63,7 @@ def read_yaml(path: Path, node: str) -> Params:
         block_values = dict(_dotted(_mapping(path, f"{name}.ros__parameters", body)))
         if str(name).rpartition("/")[2] in ("**", "*", node):
             values |= block_values
-    try:
-        return with_values(Params(), values)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+    return values
 
 
 def _mapping(path: Path, name: str, value: Any) -> dict[str, Any]:

@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike
 from heightmap25d_ros import se3
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_map import HeightMap
-from heightmap25d_ros.io.bag import ODOMETRY, Bag
+from heightmap25d_ros.io.bag import Bag
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.localization import Localizer
 from heightmap25d_ros.pipelines.mapping import Mapping
-from heightmap25d_ros.pipelines.replay import replayed, with_scan_topics
+from heightmap25d_ros.pipelines.replay import pose_topic, replayed, with_scan_topics
 
 
 def map_bag(
@@ -34,7 +34,8 @@ def map_bag(
         Its directory, or a single .db3 or .mcap file.
     params : Params, optional
     odom_topic : str, optional
-        The Odometry, a 3-D pose; ``/odom`` or the only one by default.
+        Of the 3-D poses, see `pose_topic`; by default of ``intake.pose_source``, ``/odom`` or the
+        only one.
     scan_topics : sequence of str, optional
         The lasers; all LaserScan topics by default.
 
@@ -53,7 +54,8 @@ def map_bag(
     with Bag(path) as bag:
         settings, odom_topic = _checked(bag, params, odom_topic, scan_topics)
         mapping = Mapping(settings)
-        count = sum(len(step.outcomes) for step in replayed(bag, mapping, odom_topic))
+        steps = replayed(bag, mapping, odom_topic, settings.intake)
+        count = sum(len(step.outcomes) for step in steps)
     if not count:
         raise InputError(f"{path}: no scan could be mapped; {mapping.dropped}")
     return mapping.maps()[0]
@@ -80,7 +82,8 @@ def localize_bag(
         x, y, z [m], yaw [rad] of the robot in the map at the first odometry; by default ``odom``
         and the map are the same.
     odom_topic : str, optional
-        The Odometry, a 3-D pose; ``/odom`` or the only one by default.
+        Of the 3-D poses, see `pose_topic`; by default of ``intake.pose_source``, ``/odom`` or the
+        only one.
     scan_topics : sequence of str, optional
         The lasers; all LaserScan topics by default.
 
@@ -109,7 +112,7 @@ def localize_bag(
             localizer.begin_at(initial)
         trajectory: list[tuple[int, se3.Matrix]] = []
         attempts = 0
-        for step in replayed(bag, localizer, odom_topic):
+        for step in replayed(bag, localizer, odom_topic, settings.intake):
             attempts += len(step.outcomes)
             pose = localizer.pose
             if step.topic == odom_topic and pose is not None:
@@ -122,8 +125,6 @@ def localize_bag(
 def _checked(
     bag: Bag, params: Params | None, odom_topic: str | None, scan_topics: Sequence[str]
 ) -> tuple[Params, str]:
-    """The parameters with the scan topics of this bag in them, and its odometry topic."""
-    settings = with_scan_topics(params or Params(), bag, scan_topics)
-    odom_topic = odom_topic or bag.odometry_topic()
-    bag.require(odom_topic, ODOMETRY)
-    return settings, odom_topic
+    """The parameters with the scan topics of this bag in them, and its topic of poses."""
+    settings = with_scan_topics(params or Params(), [bag], scan_topics)
+    return settings, pose_topic(bag, odom_topic, settings.intake)[0]

@@ -30,6 +30,7 @@ from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.input_watch import InputWatch
 from heightmap25d_ros.pipelines.odometry_gate import Jump
 from heightmap25d_ros.pipelines.scan_queue import Reading, ScanQueue
+from heightmap25d_ros.pipelines.self_check import Finding, findings_of_drive
 from heightmap25d_ros.pipelines.transform_buffer import JUMP_BACK_NS
 
 _LEAST_COVARIANCE = np.diag(np.square([0.01, 0.01, 0.001]))  # nobody is surer of a pose
@@ -133,6 +134,10 @@ class Localizer:
     def watch(self) -> InputWatch:
         """What was noticed about scans and poses."""
         return self._queue.watch
+
+    def problems(self) -> list[Finding]:
+        """What was wrong with the messages of the whole drive, see `findings_of_drive`."""
+        return findings_of_drive(self.watch, self.dropped)
 
     @property
     def state(self) -> State:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,7 +15,7 @@ from heightmap25d_ros import se3
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_grid import TILE, HeightGrid, anchor_at
 from heightmap25d_ros.grid.height_map import Area, Geometry, HeightMap
-from heightmap25d_ros.io import decode
+from heightmap25d_ros.io import decode, layers_file, map_directory
 from heightmap25d_ros.io.decode import Odometry
 from heightmap25d_ros.localization.layers import LayerMap, LocalizationLayers
 from heightmap25d_ros.mapping import sensor_model
@@ -23,7 +24,7 @@ from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.input_watch import InputWatch
 from heightmap25d_ros.pipelines.scan_queue import Reading, ScanQueue
-from heightmap25d_ros.pipelines.self_check import Finding, Observed, findings, with_watch
+from heightmap25d_ros.pipelines.self_check import Finding, findings_of_drive
 from heightmap25d_ros.terrain.obstacle_grid import ObstacleGrid
 from heightmap25d_ros.terrain.traversability import ObstacleMap
 
@@ -90,13 +91,15 @@ class Mapping:
         self._queue = ScanQueue(params.intake, self.dropped, params.odometry)
         self._correction_ns = self._tracking_ns = -1
         self._is_lost = False
+        self._layers: LocalizationLayers | None = None
         self.clear()
 
     def clear(self, content: HeightMap | None = None, layers: LayerMap | None = None) -> None:
         """Start a new map, empty or with a loaded map and its localization layers in it.
 
         An empty one is anchored at the first pose that is mapped (`anchor_at`), a loaded one in
-        its middle, with its ground zero.
+        its middle, with its ground zero. Without layers a loaded map gets none: they would know
+        only what is seen from now on.
 
         Raises
         ------
@@ -113,8 +116,31 @@ class Mapping:
             grid.write(content)
         self._has_begun = False
         self._use_grid(grid)
-        if self._layers is not None and layers is not None:
+        if self._layers is None or content is None:
+            return
+        if layers is None:
+            self._layers = None
+            self.dropped.notice("the loaded map has no localization layers: it gets none")
+        else:
             self._layers.write(layers)
+
+    def load(self, directory: Path) -> None:
+        """Start with the map of a map directory, and its localization layers.
+
+        Raises
+        ------
+        InputError
+            If it cannot be read, is in another frame, or does not fit the grid; the running map
+            stays.
+        """
+        mapping = self._params.mapping
+        threshold = self._params.mapper.probability_threshold
+        height_map = map_directory.load_in(directory, threshold, mapping.map_frame)
+        layers = layers_file.load(directory, height_map) if mapping.localization_layers else None
+        try:
+            self.clear(height_map, layers)
+        except ValueError as error:
+            raise InputError(f"{directory}: {error}") from None
 
     def _use_grid(self, grid: HeightGrid) -> None:
         self.grid = grid
@@ -182,6 +208,13 @@ class Mapping:
         """No more messages will come: merge what is ready, drop what still waits."""
         return self._merge(self._queue.flush())
 
+    def begin_drive(self) -> None:
+        """The next messages are of another drive, with poses in the same frame; the map stays.
+
+        Scans that still wait for their poses are not used, see `flush`.
+        """
+        self._queue.begin_drive()
+
     def maps(self) -> tuple[HeightMap, ObstacleMap]:
         """Height map and converted map of all that was observed; of an unknown tile at first.
 
@@ -220,14 +253,8 @@ class Mapping:
         return self._queue.watch
 
     def problems(self) -> list[Finding]:
-        """What was wrong with the messages of the whole drive, in the words of the self-check."""
-        refused = sum(n for reason, n in self.dropped.items() if reason.startswith("scan: bad "))
-        observed = Observed(
-            scans=self.watch.scans + refused,
-            dropped=Counter(self.dropped),
-            flat_poses=self.watch.flatness.poses,
-        )
-        return findings(with_watch(observed, self.watch, self.dropped))
+        """What was wrong with the messages of the whole drive, see `findings_of_drive`."""
+        return findings_of_drive(self.watch, self.dropped)
 
     @property
     def trouble(self) -> str:

@@ -93,22 +93,34 @@ class Step(Generic[_Outcome]):
     outcomes: Sequence[_Outcome]
 
 
-def with_scan_topics(settings: Params, bag: Bag, chosen: Sequence[str]) -> Params:
-    """The parameters with scan topics of this bag in them.
+def with_scan_topics(
+    settings: Params, bags: Sequence[Bag], chosen: Sequence[str] = (), *, is_named: bool = False
+) -> Params:
+    """The parameters with scan topics of these bags in them.
 
-    The chosen ones, those that the parameters name, or, where they name none but the default, all.
+    The chosen ones, those that the parameters name, or, where they name none, all of the bags.
+
+    Parameters
+    ----------
+    settings : Params
+    bags : sequence of Bag
+    chosen : sequence of str, optional
+    is_named : bool
+        Whether the parameters name them, also where it is the default that they name.
 
     Raises
     ------
     InputError
-        If the bag lacks one of them.
+        If a bag lacks one that was named, or has none at all.
     """
     intake = settings.intake
-    named = [f"/{topic.lstrip('/')}" for topic in intake.scan_topics]
-    is_named = intake.mounts or intake.scan_topics != IntakeParams().scan_topics
-    topics = chosen or (named if is_named else bag.scan_topics())
-    for topic in topics:
-        bag.require(topic, LASER_SCAN)
+    is_named = is_named or bool(intake.mounts) or intake.scan_topics != IntakeParams().scan_topics
+    if not chosen and is_named:
+        chosen = [f"/{topic.lstrip('/')}" for topic in intake.scan_topics]
+    topics = chosen or sorted({topic for bag in bags for topic in bag.scan_topics()})
+    for bag in bags:
+        for topic in chosen or bag.scan_topics():
+            bag.require(topic, LASER_SCAN)
     return with_values(settings, {"intake.scan_topics": list(topics)})
 
 
@@ -139,7 +151,11 @@ def pose_topic(bag: Bag, chosen: str | None, intake: IntakeParams) -> tuple[str,
 
 
 def replayed(
-    bag: Bag, pipeline: Pipeline[_Outcome], odom_topic: str, intake: IntakeParams | None = None
+    bag: Bag,
+    pipeline: Pipeline[_Outcome],
+    odom_topic: str,
+    intake: IntakeParams | None = None,
+    stretch: tuple[int, int] | None = None,
 ) -> Iterator[Step[_Outcome]]:
     """Feed a bag to a pipeline: a step for each message, and one for the end.
 
@@ -153,6 +169,8 @@ def replayed(
         Of the robot's poses, see `pose_topic`.
     intake : IntakeParams, optional
         Whose frames are those of the poses on /tf.
+    stretch : (int, int) [ns], optional
+        From when to before when messages were recorded that are fed; all by default.
     """
     transforms = [topic for topic in (TRANSFORMS, STATIC_TRANSFORMS) if topic in bag.topics]
     types = {odom_topic: pose_topic(bag, odom_topic, intake or IntakeParams())[1]}
@@ -163,12 +181,15 @@ def replayed(
     # The first one of a frame comes last: it holds until another one comes in its turn.
     for event in reversed(list(static)):
         _fed(pipeline, event, odom_topic, poses)
-    topics = list(dict.fromkeys([*pipeline.scan_topics, odom_topic, *transforms]))
-    total = sum(bag.topics[topic].count for topic in topics if topic in bag.topics)
+    wanted = dict.fromkeys([*pipeline.scan_topics, odom_topic, *transforms])
+    topics = [topic for topic in wanted if topic in bag.topics]
+    first_ns, stop_ns = stretch or (bag.start_ns, bag.end_ns + 1)
+    is_whole = first_ns <= bag.start_ns and stop_ns > bag.end_ns
+    total = sum(bag.topics[topic].count for topic in topics) if is_whole else None
     with tqdm(
         total=total, unit=" messages", unit_scale=True, desc=bag.path.name, disable=None
     ) as progress:
-        for event in bag.events(topics, types):
+        for event in bag.events(topics, types, first_ns, stop_ns):
             began = time.perf_counter()
             outcomes = _fed(pipeline, event, odom_topic, poses)
             yield Step(event.topic, 1e3 * (time.perf_counter() - began), outcomes)

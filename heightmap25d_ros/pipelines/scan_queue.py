@@ -212,6 +212,20 @@ class ScanQueue:
             self.dropped.record("transforms: closes a loop", str(error))
         return self._release()
 
+    def begin_drive(self) -> None:
+        """The next messages are of another drive: nothing of before is joined with them.
+
+        What still waits is not used, see `flush`; static transforms stay.
+        """
+        self.correction.restart()
+        self._waiting.clear()
+        self._odometry.clear()
+        self._transforms.forget_after(-1)
+        self._newest_ns.clear()
+        self._released_ns.clear()
+        self._given_up.clear()
+        self._odom_stamp_ns = -1
+
     def settle(self) -> list[Reading]:
         """Returns what has its poses now, without waiting for the other lasers."""
         return self._release(is_waiting_for_others=False)

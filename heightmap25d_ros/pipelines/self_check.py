@@ -134,6 +134,15 @@ def with_watch(observed: Observed, watch: InputWatch, dropped: Drops) -> Observe
     )
 
 
+def findings_of_drive(watch: InputWatch, dropped: Drops) -> list[Finding]:
+    """What was wrong with the messages of a whole drive, in the words of the self-check."""
+    refused = sum(n for reason, n in dropped.items() if reason.startswith("scan: bad "))
+    observed = Observed(
+        scans=watch.scans + refused, dropped=Counter(dropped), flat_poses=watch.flatness.poses
+    )
+    return findings(with_watch(observed, watch, dropped))
+
+
 def recent(now: Observed, before: Observed) -> Observed:
     """What was seen in between; inputs that are the same, and a state that holds, stay."""
     received = {entry.topic: entry.received for entry in before.inputs}

@@ -130,6 +130,10 @@ class TransformBuffer:
             if edge.is_static or edge.stamps[-1] <= stamp_ns
         }
 
+    def clear(self) -> None:
+        """Forget all frames."""
+        self._edges.clear()
+
     def lookup(
         self, target: str, source: str, stamps_ns: NDArray[np.int64]
     ) -> se3.Matrix | Missing:

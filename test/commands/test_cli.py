@@ -5,6 +5,8 @@
 import json
 import os
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -203,6 +205,20 @@ def test_render_draws_three_pictures_that_show_something(capsys, tmp_path, ramp_
         assert len(np.unique(np.asarray(Image.open(picture)).reshape(-1, 4), axis=0)) > 3
 
 
+def test_ctrl_c_while_commands_are_imported_ends_without_a_word():
+    script = (
+        "import os, signal, time\n"
+        "from heightmap25d_ros import cli\n"
+        "def interrupted(name):\n"
+        "    os.kill(os.getpid(), signal.SIGINT)\n"
+        "    time.sleep(60)\n"
+        "cli.import_module = interrupted\n"
+        "cli.main(['info', 'bag'])\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", script], capture_output=True, check=False)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (cli.EXIT_INTERRUPTED, b"", b"")
+
+
 def test_info_of_a_bag(capsys):
     _, figures, _ = run(capsys, "info", RAMP)
     assert figures["/scan_down (sensor_msgs/msg/LaserScan)"] == 1033
@@ -232,6 +248,7 @@ def test_help_and_plain_figures(capsys, ramp_map):
         (("render", "nowhere", "-o", "out"), "nowhere"),
         (("evaluate", "nowhere", "--truth", TRUTH), "nowhere"),
         (("info", "nowhere"), "nowhere"),
+        (("view", "nowhere"), "nowhere: does not exist"),
         ((), "COMMAND"),
     ],
 )

@@ -169,6 +169,16 @@ def test_overlap_counts_known_cells_that_the_truth_saw_at_their_height() -> None
     assert overlap(map_of([[0, 0]], (90.0, 90.0)), truth) == overlap(map_of([[None]]), truth) == 0
 
 
+@pytest.mark.parametrize(
+    ("kind", "told"), [("directory", "it is a directory"), ("text", "it is no npz file")]
+)
+def test_what_is_no_truth_is_told_for_what_it_is(tmp_path: Path, kind: str, told: str) -> None:
+    path = tmp_path / "surface.npz"
+    path.mkdir() if kind == "directory" else path.write_text("0 0 1\n")
+    with pytest.raises(InputError, match=f"^{path}: is not a true surface: {told}$"):
+        read_truth(path)
+
+
 def test_the_truth_of_another_world_is_told_apart() -> None:
     truth = read_truth(BAG_TRUTH)
     own = HeightMap(

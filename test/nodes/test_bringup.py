@@ -115,3 +115,20 @@ def test_ros2_launch_starts_and_ends_the_nodes(tmp_path):
     log, _ = process.communicate(timeout=PATIENCE)
     assert process.returncode == 0
     assert log.count("process has finished cleanly") == 4
+
+
+@pytest.mark.skipif(shutil.which("ros2") is None, reason="ros2 is not installed")
+@pytest.mark.parametrize(
+    ("file", "argument", "complaint"),
+    [
+        ("bringup", "map:=/nowhere/yard", "/nowhere/yard"),
+        ("bringup", "params_file:=/nowhere.yaml", "params_file:=/nowhere.yaml: is not a file"),
+        ("bringup", "use_sim_time:=maybe", "use_sim_time:=maybe: is neither true nor false"),
+        ("replay", "bag:=/nowhere", "/nowhere: does not exist"),
+    ],
+)
+def test_ros2_launch_ends_by_itself_where_a_node_cannot_start(file, argument, complaint):
+    """With one of launch's own endings: it may be 0 where all nodes could be ended."""
+    process = started("ros2", "launch", str(ROOT / "launch" / f"{file}.launch.py"), argument)
+    log, _ = process.communicate(timeout=PATIENCE)
+    assert complaint in log

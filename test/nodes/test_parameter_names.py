@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Old names of parameters in a node's overrides; the node runs in this process."""
+"""Old names, and integers, in a node's parameter overrides; the node runs in this process."""
 
 import pytest
 import rclpy
@@ -46,6 +46,14 @@ def test_an_old_name_sets_the_parameter_is_logged_and_is_not_declared(make_node,
     assert len(lines) == 1
     assert "[WARN]" in lines[0]
     assert NEW in lines[0]
+
+
+def test_integers_are_taken_for_floats_as_on_the_command_line(make_node):
+    node = make_node({"sensor.max_range": 20, "sensor.body_box": [0, 0, 0, 1, 1, 1]})
+    params = declare_params(node, ("sensor",))
+    assert (params.sensor.max_range, params.sensor.body_box) == (20.0, (0, 0, 0, 1, 1, 1))
+    assert isinstance(node.get_parameter("sensor.max_range").value, float)
+    assert list(node.get_parameter("sensor.body_box").value) == [0.0, 0.0, 0.0, 1.0, 1.0, 1.0]
 
 
 def test_both_names_at_once_are_refused(make_node):

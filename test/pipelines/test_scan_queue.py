@@ -359,6 +359,20 @@ def test_a_topic_that_is_none_of_the_lasers_is_misuse():
 # Clocks that jump.
 
 
+def test_another_drive_joins_nothing_of_before_but_static_mounts():
+    queue = intake_of(with_mounts=False)
+    queue.add_transforms([mount()], is_static=True)
+    queue.add_odometry(pose(0.0))
+    queue.add_scan("scan", scan(0.05))
+    assert queue.flush() == []
+    queue.begin_drive()
+    assert queue.add_odometry(pose(0.0, frame_id="world")) == []
+    (reading,) = queue.add_scan("scan", scan(0.0))
+    assert stamps([reading]) == [0.0]
+    assert reading.T_base_sensor[0, 0, 3] == 0.3
+    assert queue.dropped == {"scan: after the odometry": 1}
+
+
 def test_a_bag_that_loops():
     queue = intake_of(with_mounts=False)
     released = []
