@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import functools
 import traceback
 from collections.abc import Callable, Iterable
 from typing import Any
@@ -19,6 +18,7 @@ from rclpy.timer import Timer
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.nodes import parameters, qos
 from heightmap25d_ros.nodes.diagnostics import Diagnostics
+from heightmap25d_ros.nodes.guard import GuardedCallbacks
 from heightmap25d_ros.nodes.interface import Input, Output, Service
 from heightmap25d_ros.params import by_name
 from heightmap25d_ros.params.sections import Params
@@ -28,13 +28,12 @@ REPORT_PERIOD = 5.0
 """Between two log lines about dropped messages [s]."""
 
 
-class ManagedNode(LifecycleNode):
+class ManagedNode(GuardedCallbacks, LifecycleNode):
     """A managed node that configures and activates itself, unless ``autostart`` is false.
 
     A subclass names its topics and services in `inputs`, `outputs` and `offered_services`, and
     makes its pipeline in `set_up`. Publishers and services exist while the node is configured,
-    subscriptions and timers while it is active. No exception of a callback ends the node: it is
-    logged, counted on /diagnostics, and the node goes on with the next message.
+    subscriptions and timers while it is active.
 
     A subclass has its NAME, and the PARAMETERS that it uses: sections of `Params`, or single ones.
 
@@ -50,9 +49,6 @@ class ManagedNode(LifecycleNode):
     NAME = ""
     PARAMETERS: tuple[str, ...] = ()
 
-    _failures = 0
-    _last_failure = ""
-
     def __init__(self) -> None:
         super().__init__(self.NAME, automatically_declare_parameters_from_overrides=True)
         self.params = parameters.declare_params(self, self.PARAMETERS)
@@ -64,9 +60,11 @@ class ManagedNode(LifecycleNode):
         self._diagnostics = Diagnostics(self)
         self._older_than: dict[str, set[Any]] = {}
         change_state = self._service_change_state.callback
-        self._service_change_state.callback = self._guarded(
-            lambda request, response: _or_refused(change_state, request, response)
+        self._service_change_state.callback = lambda request, response: _or_refused(
+            change_state, request, response
         )
+        for service in self.services:  # those of the life cycle are not made by `create_service`
+            service.callback = self.guard.wrapped(service.callback)
 
     def inputs(self) -> list[Input]:
         """What the node subscribes to."""
@@ -115,11 +113,6 @@ class ManagedNode(LifecycleNode):
     def is_active(self) -> bool:
         """Whether the node subscribes and publishes."""
         return self.state_label == "active"
-
-    @property
-    def failures(self) -> tuple[int, str]:
-        """How many callbacks ended with an exception, and the newest one."""
-        return self._failures, self._last_failure
 
     def publish(self, topic: str, message: Any) -> None:
         """Publish on one of the `outputs`."""
@@ -191,22 +184,10 @@ class ManagedNode(LifecycleNode):
     def create_subscription(
         self, kind: Any, topic: str, callback: Callable[..., Any], profile: Any, **options: Any
     ) -> Any:
-        """As of `rclpy.node.Node`, with a callback that cannot end the node, and overrides."""
+        """As of `rclpy.node.Node`, guarded, and with overrides."""
         with qos.overridable(profile) as (own, overrides):
             options = overrides | options
-            return super().create_subscription(kind, topic, self._guarded(callback), own, **options)
-
-    def create_service(
-        self, kind: Any, name: str, callback: Callable[..., Any], *arguments: Any, **options: Any
-    ) -> Any:
-        """As of `rclpy.node.Node`, with a callback that cannot end the node."""
-        return super().create_service(kind, name, self._guarded(callback), *arguments, **options)
-
-    def create_timer(
-        self, period: float, callback: Callable[..., Any], *arguments: Any, **options: Any
-    ) -> Any:
-        """As of `rclpy.node.Node`, with a callback that cannot end the node."""
-        return super().create_timer(period, self._guarded(callback), *arguments, **options)
+            return super().create_subscription(kind, topic, callback, own, **options)
 
     def set_parameters_atomically(self, parameter_list: list[Any]) -> Any:
         """As of `rclpy.node.Node`; for an unknown name the nearest known one is suggested."""
@@ -216,24 +197,6 @@ class ManagedNode(LifecycleNode):
             known = list(self.get_parameters_by_prefix(""))
             hints = [by_name.unknown(p.name, known) for p in parameter_list if p.name not in known]
             return SetParametersResult(successful=False, reason="; ".join(hints))
-
-    def _guarded(self, callback: Callable[..., Any]) -> Callable[..., Any]:
-        """The callback; what it raises is logged and counted, and does not reach the executor."""
-
-        @functools.wraps(callback)
-        def guarded(*arguments: Any) -> Any:
-            try:
-                return callback(*arguments)
-            except Exception as error:
-                self._failures += 1
-                failure = f"{type(error).__name__}: {error}"
-                if failure != self._last_failure:  # of many alike the first one tells all
-                    self.get_logger().error(f"{failure}\n{traceback.format_exc()}")
-                self._last_failure = failure
-                # A service's callback must return the response, which says no unless it was filled.
-                return arguments[1] if len(arguments) > 1 else None
-
-        return guarded
 
     def _configure(self) -> None:
         self.set_up()

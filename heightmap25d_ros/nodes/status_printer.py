@@ -8,12 +8,12 @@ import re
 import sys
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.node import Node
 
 from heightmap25d_ros.nodes import runtime
+from heightmap25d_ros.nodes.guard import GuardedCallbacks
 
 
-class StatusPrinterNode(Node):
+class StatusPrinterNode(GuardedCallbacks):
     """Part of ``heightmap25d bringup``."""
 
     NAME = "status_printer"
