@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.grid.height_map import Geometry
+from heightmap25d_ros.grid.height_map import Geometry, require_plausible
+from heightmap25d_ros.input_files import require_file
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,6 +50,7 @@ def truth_file(path: Path, fault: str) -> Iterator[Any]:
     InputError
         If the file cannot be read, or has other content (described by ``fault``).
     """
+    require_file(path)
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             yield archive
@@ -69,12 +71,9 @@ def read_truth(path: Path) -> Truth:
     """
     with truth_file(path, "is not a true surface") as archive:
         top, seen = (np.asarray(archive[name], np.float64) for name in ("top", "seen"))
-        resolution, (x, y) = float(archive["resolution"]), archive["origin"]
-    if top.ndim != 2 or top.shape != seen.shape:
+        geometry = _geometry(path, archive, top)
+    if top.shape != seen.shape:
         raise InputError(f"{path}: top and seen are not two grids of one shape")
-    geometry = Geometry(
-        resolution=resolution, origin=(float(x), float(y)), shape=(top.shape[0], top.shape[1])
-    )
     return Truth(geometry=geometry, top=top, seen=seen)
 
 
@@ -110,10 +109,21 @@ def read_ground(path: Path) -> TrueGround:
         clearance = np.full(height.shape, np.inf)
         if "clearance" in archive:
             clearance = np.asarray(archive["clearance"], np.float64)
-        resolution, (x, y) = float(archive["resolution"]), archive["origin"]
-        rows, columns = height.shape
-    geometry = Geometry(resolution=resolution, origin=(float(x), float(y)), shape=(rows, columns))
+        geometry = _geometry(path, archive, height)
     return TrueGround(geometry=geometry, height=height, clearance=clearance)
+
+
+def _geometry(path: Path, archive: Any, values: NDArray[np.float64]) -> Geometry:
+    """The cells of a grid of the truth."""
+    (rows, columns), (x, y) = values.shape, archive["origin"]
+    geometry = Geometry(
+        resolution=float(archive["resolution"]), origin=(float(x), float(y)), shape=(rows, columns)
+    )
+    try:
+        require_plausible(geometry)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    return geometry
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,7 +14,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
 from nav_msgs.msg import Odometry, Path
 
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.io import decode
+from heightmap25d_ros.io import decode, encode
 from heightmap25d_ros.nodes import parameters, qos, runtime
 from heightmap25d_ros.nodes.lifecycle import REPORT_PERIOD
 from heightmap25d_ros.nodes.plain import PlainNode
@@ -67,7 +67,7 @@ class DriverNode(PlainNode):
         if self._driver is not None:
             speed, turn_rate = self._driver.command(self._T_map_odom @ odometry.T)
         command = Twist()
-        command.linear.x, command.angular.z = float(speed), float(turn_rate)
+        encode.fill_twist(command, speed, turn_rate)
         self._outlet.publish(command)
 
     def _complain(self, error: InputError) -> None:

@@ -57,6 +57,8 @@ def _convert(name: str, given: Any, default: Value) -> Any:
         if not isinstance(given, list | tuple):
             raise InputError(f"parameter {name}: {given!r} is not a list")
         return tuple(_convert(name, entry, entry_type()) for entry in given)
+    if isinstance(given, int) and abs(given) >= 2**63:
+        raise InputError(f"parameter {name}: an integer has 64 bits")
     if isinstance(default, float) and isinstance(given, int) and not isinstance(given, bool):
         return float(given)
     if type(given) is not type(default):
