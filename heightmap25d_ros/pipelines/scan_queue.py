@@ -127,7 +127,9 @@ class ScanQueue:
         self._wait_limit_ns = round(params.wait_limit * 1e9)
         history = params.wait_limit + HISTORY
         self._odometry = TransformBuffer(max_gap=params.odom_gap, history=history)
-        self._transforms = TransformBuffer(max_gap=params.odom_gap, history=history)
+        self._transforms = TransformBuffer(
+            max_gap=params.odom_gap, history=history, dropped=self.dropped
+        )
         self._fixed_mounts: dict[str, se3.Matrix] = {}
         if params.mounts:
             mounts = se3.from_xyz_rpy(np.reshape(params.mounts, (-1, 6)))
@@ -154,7 +156,7 @@ class ScanQueue:
 
     def take_transforms(self, message: Any, *, is_static: bool) -> list[Reading]:
         """Take a tf2_msgs/TFMessage of /tf or of /tf_static."""
-        used = self._transforms.take(message, self.dropped, is_static=is_static)
+        used = self._transforms.take(message, is_static=is_static)
         return self._release() if used else []
 
     def set_correction(self, T_map_odom: se3.Matrix, stamp_ns: int = 0) -> None:

@@ -11,7 +11,6 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right
 from collections import deque
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
 from enum import Enum
 from functools import reduce
 from typing import Any
@@ -101,37 +100,41 @@ class TransformBuffer:
         Poses farther apart than this are not interpolated.
     history : float [s]
         How long poses are kept, seen from the newest one of their frame.
+    dropped : Drops, optional
+        Where to count what is malformed or closes a loop.
     """
 
-    def __init__(self, *, max_gap: float, history: float = 30.0) -> None:
+    def __init__(
+        self, *, max_gap: float, history: float = 30.0, dropped: Drops | None = None
+    ) -> None:
+        self._dropped = Drops() if dropped is None else dropped
         self._max_gap_ns = round(max_gap * 1e9)
         self._history_ns = round(history * 1e9)
         self._edges: dict[str, _Edge] = {}
         self._missed: set[str] = set()  # frames that were asked for, and have no parent yet
         self._unread: dict[str, deque[Any]] = {}
 
-    def take(self, message: Any, dropped: Drops, *, is_static: bool) -> list[Transform]:
+    def take(self, message: Any, *, is_static: bool) -> list[Transform]:
         """Take a tf2_msgs/TFMessage; what of it is used at once.
 
         Parameters
         ----------
         message : tf2_msgs.msg.TFMessage
-        dropped : Drops
-            Where to count what is malformed or closes a loop.
         is_static : bool
             Whether it is of /tf_static.
         """
         stamped = message.transforms
         if not is_static:
             stamped = [one for one in stamped if self._is_used(one)]
-        if not stamped:
-            return []
-        transforms = dropped.decoded("transforms", decode.transforms, stamped) or []
+        return self._decoded(stamped, is_static=is_static) if stamped else []
+
+    def _decoded(self, stamped: Iterable[Any], *, is_static: bool) -> list[Transform]:
+        transforms = self._dropped.decoded("transforms", decode.transforms, stamped) or []
         try:
             self.add(transforms, is_static=is_static)
         except InputError as error:
             fault = str(error).rpartition(": ")[2]
-            dropped.record(f"transforms: {fault}", str(error))
+            self._dropped.record(f"transforms: {fault}", str(error))
         return transforms
 
     def _is_used(self, stamped: Any) -> bool:
@@ -265,8 +268,7 @@ class TransformBuffer:
         unread = self._unread.pop(frame, ())
         if not unread and len(self._missed) < MOST_FRAMES:
             self._missed.add(frame)
-        with suppress(InputError):  # as of a stranger's frames, none of which is counted
-            self.add(decode.transforms(unread))
+        self._decoded(unread, is_static=False)
         return self._edges.get(frame)
 
     def _down_to(

@@ -98,7 +98,7 @@ def test_malformed_messages_are_counted_by_kind_and_field():
     m.take_odometry(odometry(START, (math.nan, 0.0, 0.0)))
     m.take_scan("scan", laser_scan(START, [2.0], angle_increment=math.nan))
     m.take_transforms(
-        tf_message((START, "base_link", "laser", (0.0, 0.0, 0.0), (0.0,) * 4)), is_static=False
+        tf_message((START, "base_link", "laser", (0.0, 0.0, 0.0), (0.0,) * 4)), is_static=True
     )
     assert m.dropped == {
         "odometry: bad pose.pose": 1,
