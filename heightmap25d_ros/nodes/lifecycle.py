@@ -44,6 +44,8 @@ class ManagedNode(GuardedCallbacks, LifecycleNode):
         Whether there is what `set_up` makes.
     publishers_by_topic : dict of str to Publisher
         Those of `outputs`, while the node is configured.
+    exit_status : int
+        Of the process: 1 where something was not kept that must be.
     """
 
     NAME = ""
@@ -56,6 +58,7 @@ class ManagedNode(GuardedCallbacks, LifecycleNode):
         self._fault = ""
         self._reported = 0
         self.is_configured = False
+        self.exit_status = 0
         self.publishers_by_topic: dict[str, Publisher] = {}
         self._diagnostics = Diagnostics(self)
         self._older_than: dict[str, set[Any]] = {}
@@ -101,8 +104,9 @@ class ManagedNode(GuardedCallbacks, LifecycleNode):
     def take_params(self) -> None:
         """`params` have changed; the node is configured."""
 
-    def finish(self) -> None:
-        """The pipeline is about to be given up: save what must be kept. The node is configured."""
+    def finish(self) -> bool:
+        """The pipeline is about to be given up: save what must be kept; whether that went well."""
+        return True
 
     @property
     def state_label(self) -> str:
@@ -143,8 +147,10 @@ class ManagedNode(GuardedCallbacks, LifecycleNode):
     def end(self) -> None:
         """Give up the pipeline, whatever state the node is in; what must be kept is saved."""
         if self.is_configured:
-            self.is_configured = False
-            self.finish()
+            self.is_configured = is_kept = False
+            with self.guard.catching():
+                is_kept = self.finish()
+            self.exit_status = self.exit_status if is_kept else 1
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Inactive afterwards."""

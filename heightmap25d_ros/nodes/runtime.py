@@ -105,7 +105,7 @@ def run(node_class: Any, arguments: list[str] | None = None) -> int:
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
-    return 0
+    return node.exit_status if isinstance(node, ManagedNode) else 0
 
 
 def ignore_signals() -> None:
