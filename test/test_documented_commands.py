@@ -23,7 +23,7 @@ from heightmap25d_ros.params.sections import Params
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), ROOT / "bags" / "README.md"])
 CHEAP = {"info", "map", "convert", "evaluate", "render", "plan"}
 # Of the machine, or of ROS workspaces elsewhere: nothing of ours to be held against.
-FOREIGN = {"cd", "git", "sudo", "rosdep", "colcon", "rm", "uv", "grep", "python3"}
+FOREIGN = {"cd", "export", "git", "sudo", "rosdep", "colcon", "rm", "uv", "grep", "python3"}
 
 
 def commands(page):
@@ -66,7 +66,7 @@ def check_ros2(words):
         request(**yaml.safe_load(words[4]))
     elif words[:2] == ["launch", "heightmap25d_ros"]:
         assert (ROOT / "launch" / words[2]).exists()
-    elif words[0] not in {"bag", "lifecycle", "node", "param", "topic", "run"}:
+    elif words[0] not in {"bag", "lifecycle", "node", "param", "security", "topic", "run"}:
         pytest.fail(f"ros2 {' '.join(words)}: not known to this test")
 
 

@@ -32,6 +32,9 @@ from heightmap25d_ros.mapping.sensor_model import Scan
 QUATERNION_TOLERANCE = 0.01
 """How far the norm of a rotation may be from 1, as in tf2; within it, it is normalised."""
 
+LONGEST_PATH = 1e5
+"""No robot is sent so far at once [m]."""
+
 _NO_VARIANCE = 1e-9  # rounding
 
 LONGEST_FRAME = 100
@@ -220,6 +223,38 @@ def pose(message: Any, field: str) -> se3.Matrix:
     return np.asarray(_matrices([_coordinates(message.position, message.orientation, field)])[0])
 
 
+def twist(message: Any) -> tuple[float, float]:
+    """Speed [m/s] along x and turn rate [rad/s] about z of a geometry_msgs/Twist.
+
+    Raises
+    ------
+    InputError
+        If one is not finite.
+    """
+    command = float(message.linear.x), float(message.angular.z)
+    if not all(map(math.isfinite, command)):
+        raise InputError(f"linear.x, angular.z: {command} is not a command")
+    return command
+
+
+def path(message: Any) -> NDArray[np.float64]:
+    """(N, 2) float64 [m]: the places of a nav_msgs/Path.
+
+    Raises
+    ------
+    InputError
+        If one is not finite, or farther away than `POSITION_LIMIT`; or the path is longer than
+        `LONGEST_PATH`.
+    """
+    places = [(stamped.pose.position.x, stamped.pose.position.y) for stamped in message.poses]
+    points = np.array(places, np.float64).reshape(-1, 2)
+    if not (np.abs(points) <= POSITION_LIMIT).all():
+        raise InputError("poses: a position is not a place")
+    if np.abs(np.diff(points, axis=0)).sum() > LONGEST_PATH:
+        raise InputError(f"poses: are more than {LONGEST_PATH:g} m long")
+    return points
+
+
 def planar_covariance(message: Any, limits: ArrayLike) -> NDArray[np.float64]:
     """(3, 3) of x, y [m], yaw [rad] of a geometry_msgs/PoseWithCovarianceStamped.
 
@@ -234,7 +269,10 @@ def planar_covariance(message: Any, limits: ArrayLike) -> NDArray[np.float64]:
     InputError
         If it is not finite, or is no covariance: a variance is negative, for instance.
     """
-    whole = np.asarray(message.pose.covariance, np.float64).reshape(6, 6)
+    whole = np.asarray(message.pose.covariance, np.float64)
+    if whole.size != 36:
+        raise InputError(f"pose.covariance: {whole.size} numbers are not 6 x 6")
+    whole = whole.reshape(6, 6)
     covariance = whole[np.ix_((0, 1, 5), (0, 1, 5))]
     refused = InputError(f"pose.covariance: {covariance.tolist()} is not a covariance")
     if not np.isfinite(covariance).all() or np.diag(covariance).min() < -_NO_VARIANCE:

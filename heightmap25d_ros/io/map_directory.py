@@ -89,7 +89,7 @@ def check_name(name: str) -> None:
     if not (is_plain and parts) or Path(name).is_absolute():
         raise InputError(f"map name {name[:LONGEST_NAME]!r}: does not name a map")
     if any(part.startswith(".") for part in parts):
-        raise InputError(f"map name {name!r}: a part of it begins with a dot")
+        raise InputError(f"map name {name!r}: does not name a map, a part of it begins with a dot")
 
 
 def map_path(map_directory: Path, name: str) -> Path:

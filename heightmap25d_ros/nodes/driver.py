@@ -45,9 +45,14 @@ class DriverNode(PlainNode):
         )
 
     def _on_plan(self, message: Path) -> None:
-        places = [(stamped.pose.position.x, stamped.pose.position.y) for stamped in message.poses]
-        is_way = len(places) > 1 and bool(np.isfinite(places).all())
-        self._driver = Driver(np.array(places), _SPEED) if is_way else None
+        self._driver = None
+        try:
+            points = decode.path(message)
+        except InputError as error:
+            self._complain(error)
+            return
+        if len(points) > 1:
+            self._driver = Driver(points, _SPEED)
 
     def _on_correction(self, message: PoseWithCovarianceStamped) -> None:
         try:

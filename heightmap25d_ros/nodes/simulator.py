@@ -12,7 +12,10 @@ from rclpy.clock import Clock as RclpyClock
 from rclpy.clock import ClockType
 from rosgraph_msgs.msg import Clock
 
+from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.io import decode
 from heightmap25d_ros.nodes import parameters, runtime
+from heightmap25d_ros.nodes.lifecycle import REPORT_PERIOD
 from heightmap25d_ros.nodes.plain import PlainNode
 from heightmap25d_ros.nodes.replay import message_class, profile_of
 from heightmap25d_ros.simulation import messages, recording
@@ -61,7 +64,11 @@ class SimulatorNode(PlainNode):
         self.create_timer(_PERIOD, self._turn, clock=wall_clock)
 
     def _on_command(self, message: Twist) -> None:
-        self._command = (message.linear.x, message.angular.z)
+        try:
+            self._command = decode.twist(message)
+        except InputError as error:
+            self.get_logger().warning(f"dropped: {error}", throttle_duration_sec=REPORT_PERIOD)
+            return
         self._commanded_at = self._simulation.seconds
 
     def _turn(self) -> None:

@@ -470,3 +470,28 @@ def test_names_of_frames_are_short_and_printable(name):
         with pytest.raises(InputError, match="is not the name of a frame") as refusal:
             decoded(message)
         assert len(str(refusal.value)) < 600
+
+
+def test_commands_and_paths_of_others_are_finite_and_not_endless():
+    def command(speed, turn):
+        return SimpleNamespace(linear=SimpleNamespace(x=speed), angular=SimpleNamespace(z=turn))
+
+    def path(*places):
+        positions = (SimpleNamespace(x=x, y=y) for x, y in places)
+        return SimpleNamespace(
+            poses=[SimpleNamespace(pose=SimpleNamespace(position=p)) for p in positions]
+        )
+
+    assert decode.twist(command(1, -0.5)) == (1.0, -0.5)
+    assert decode.path(path()).shape == (0, 2)
+    assert decode.path(path((0.0, 1.0), (2.0, 3.0))).tolist() == [[0.0, 1.0], [2.0, 3.0]]
+    for bad in (NAN, INF, -INF):
+        for decoded, message in (
+            (decode.twist, command(bad, 0.0)), (decode.twist, command(0.0, bad)),
+            (decode.path, path((0.0, bad))), (decode.path, path((0.0, 0.0), (bad, 0.0))),
+        ):  # fmt: skip
+            with pytest.raises(InputError):
+                decoded(message)
+    for far in (2e5, 1e9, 1e300):
+        with pytest.raises(InputError, match="poses: "):
+            decode.path(path((0.0, 0.0), (far, 0.0)))
