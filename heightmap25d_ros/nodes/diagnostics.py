@@ -110,7 +110,9 @@ class Diagnostics:
                 self._flatness.observe(pose.position.z, pose.orientation.x, pose.orientation.y)
             entry.callback(message)
 
-        subscription = self._node.create_subscription(entry.kind, entry.topic, take, entry.profile)
+        subscription = self._node.create_subscription(
+            entry.kind, entry.topic, take, entry.profile, raw=entry.is_raw
+        )
         is_latched = entry.profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
         counted = _Counted(subscription, entry.is_needed, is_latched, take)
         self._inputs.append(counted)
@@ -134,6 +136,7 @@ class Diagnostics:
             counted.take,
             best_effort(heard.qos_profile),
             qos_overriding_options=None,
+            raw=heard.raw,
         )
         self._node.destroy_subscription(heard)
 
