@@ -5,14 +5,16 @@ import os
 import numpy as np
 import pytest
 
+from heightmap25d_msgs.msg import HeightGrid
 from heightmap25d_ros import memory
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_map import HeightMap
-from heightmap25d_ros.io import map_directory
+from heightmap25d_ros.io import encode, map_directory
 from heightmap25d_ros.localization.matching import RegistrationPoints
 from heightmap25d_ros.localization.registration import MIN_POINTS, register
 from heightmap25d_ros.localization.surface import surface_of
 from heightmap25d_ros.params.sections import RegistrationParams
+from heightmap25d_ros.pipelines.localization import Localizer
 
 FLAT = HeightMap.from_metres(np.zeros((40, 40)), resolution=0.02)
 
@@ -39,3 +41,22 @@ def test_maps_and_searches_ask_first(tmp_path, monkeypatch):
     ):
         with pytest.raises(InputError, match="GiB are available"):
             work()
+
+
+def test_a_long_term_grid_that_cannot_be_used_leaves_the_one_before(monkeypatch):
+    localizer = Localizer()
+    message = HeightGrid()
+    encode.fill_height_grid(message, FLAT, 0, "map")
+    localizer.take_long_term(message)
+    assert localizer.request_search()
+    for resolution in (0.002, 0.0, 1e9):
+        message.info.resolution = resolution
+        localizer.take_long_term(message)
+    message.info.resolution = 0.02
+    monkeypatch.setattr(memory, "available_bytes", lambda: 10_000)
+    localizer.take_long_term(message)
+    assert localizer.dropped == {
+        "long_term_grid: bad info.resolution": 3,
+        "long_term_grid: bad content": 1,
+    }
+    assert localizer.request_search()

@@ -142,7 +142,7 @@ class ManagedNode(GuardedCallbacks, LifecycleNode):
             return
         for trigger in (self.trigger_configure, self.trigger_activate):
             if trigger() != TransitionCallbackReturn.SUCCESS:
-                raise InputError(self._fault)
+                raise InputError(" ".join(self._fault.split()))
 
     def end(self) -> None:
         """Give up the pipeline, whatever state the node is in; what must be kept is saved."""

@@ -19,7 +19,7 @@ from tf2_msgs.msg import TFMessage
 
 from heightmap25d_msgs.msg import LocalizationStatus
 from heightmap25d_msgs.srv import LoadMap, SaveMap
-from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.errors import InputError, printable
 from heightmap25d_ros.io import encode, layers_file, map_directory
 from heightmap25d_ros.nodes import map_transform, qos, runtime
 from heightmap25d_ros.nodes.interface import Input, Output, Service
@@ -125,7 +125,8 @@ class MappingNode(ManagedNode):
         except Exception as error:
             path = Path(tempfile.mkdtemp(prefix="heightmap25d_")) / "map"
             self._write(path, max_cells=math.inf)
-            self.get_logger().error(f"map not saved: {error}; saved as {path} instead")
+            told = printable(f"map not saved: {error}")
+            self.get_logger().error(f"{told}; saved as {path} instead")
             return False
         return True
 

@@ -186,14 +186,13 @@ class TransformBuffer:
 
     def _fault(self, transform: Transform) -> str:
         """Why a frame cannot have a parent."""
-        frame: str | None = transform.parent
+        frame = transform.parent
         for _ in range(DEEPEST):
             if frame == transform.child:
                 return "closes a loop"
-            edge = self._edges.get(frame) if frame is not None else None
-            frame = None if edge is None else edge.parent
-            if frame is None:
+            if frame not in self._edges:
                 break
+            frame = self._edges[frame].parent
         is_new = transform.child not in self._edges
         return "too many frames" if is_new and len(self._edges) >= 10 * MOST_FRAMES else ""
 

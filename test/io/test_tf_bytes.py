@@ -73,3 +73,12 @@ def test_a_message_that_ends_too_early_is_refused(length):
     if length < len(data):
         with pytest.raises(InputError, match="transforms: "):
             tf_bytes.tf_message(data[:length])
+
+
+def test_what_is_kept_of_a_message_is_small():
+    entry = 5, "p" * 10**6, "c" * 10**6, (1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0)
+    data = bytes(STORE.serialize_cdr(tf_message(entry), "tf2_msgs/msg/TFMessage"))
+    (read,) = tf_bytes.tf_message(data).transforms
+    assert sum(map(len, read)) < 2000
+    with pytest.raises(InputError, match="is not the name of a frame"):
+        decode.transforms([read])
