@@ -12,7 +12,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,9 +53,11 @@ def truth_file(path: Path, fault: str) -> Iterator[Any]:
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             yield archive
+    except InputError:
+        raise
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}") from None
-    except (ValueError, LookupError, TypeError, AttributeError, EOFError, BadZipFile) as error:
+    except Exception as error:  # zipfile, zlib and numpy raise a dozen types on damaged bytes
         reason = " ".join(str(error).split())
         raise InputError(f"{path}: {fault}: {reason}") from None
 
@@ -154,8 +155,12 @@ def read_goals(path: Path) -> GoalPairs:
         If the file cannot be read or has other content.
     """
     with truth_file(path, "holds no goals") as archive:
-        start, goal = (np.asarray(archive[name], np.float64) for name in ("start", "goal"))
+        start, goal = (np.asarray(archive[name], np.float64)[:, :2] for name in ("start", "goal"))
         reachable, observed = (
             np.asarray(archive[name], bool) for name in ("reachable", "observed")
         )
-    return GoalPairs(start=start[:, :2], goal=goal[:, :2], reachable=reachable, observed=observed)
+    if {start.shape, goal.shape} != {(len(start), 2)} or not np.isfinite([start, goal]).all():
+        raise InputError(f"{path}: start and goal are not pairs of places")
+    if {reachable.shape, observed.shape} != {(len(start),)}:
+        raise InputError(f"{path}: reachable and observed are not one for each pair")
+    return GoalPairs(start=start, goal=goal, reachable=reachable, observed=observed)
