@@ -1,8 +1,32 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The exception for bad input from outside, and that of a command whose answer is no."""
+"""Exceptions for bad input and for a command whose answer is no; foreign text made printable."""
 
 from typing import Any
+
+_LONGEST = 2000
+
+
+def printable(text: str, longest: int = _LONGEST) -> str:
+    r"""Foreign text in one line, that every log, terminal and message can hold.
+
+    Parameters
+    ----------
+    text : str
+    longest : int
+        Number of characters from which on it is cut.
+
+    Examples
+    --------
+    >>> print(printable("two\nlines"))
+    two\nlines
+    >>> printable("Karte_ä" * 1000, longest=10)
+    'Karte_äKar...'
+    """
+    cut = f"{text[:longest]}..." if len(text) > longest else text
+    if cut.isprintable():
+        return cut
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in cut)
 
 
 class InputError(Exception):
@@ -11,6 +35,9 @@ class InputError(Exception):
     The message is one line that names the file, topic, parameter or field, and what is wrong
     with it. ``main()`` catches it once and prints that line; a node logs it and keeps running.
     """
+
+    def __init__(self, message: str) -> None:
+        super().__init__(printable(message))
 
 
 class NegativeResultError(Exception):

@@ -24,7 +24,8 @@ PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), ROOT / "bags" / "RE
 CHEAP = {"info", "map", "convert", "evaluate", "render", "plan"}
 # Of the machine, or of ROS workspaces elsewhere: nothing of ours to be held against.
 FOREIGN = {
-    "cd", "colcon", "docker", "git", "grep", "pip3", "python3", "rm", "rosdep", "sudo", "uv",
+    "cd", "colcon", "docker", "export", "git", "grep", "pip3", "python3", "rm", "rosdep", "sudo",
+    "uv",
 }  # fmt: skip
 
 
@@ -68,7 +69,7 @@ def check_ros2(words):
         request(**yaml.safe_load(words[4]))
     elif words[:2] == ["launch", "heightmap25d_ros"]:
         assert (ROOT / "launch" / words[2]).exists()
-    elif words[0] not in {"bag", "lifecycle", "node", "param", "topic", "run"}:
+    elif words[0] not in {"bag", "lifecycle", "node", "param", "security", "topic", "run"}:
         pytest.fail(f"ros2 {' '.join(words)}: not known to this test")
 
 

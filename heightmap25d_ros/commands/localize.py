@@ -31,7 +31,7 @@ from heightmap25d_ros.commands.common import (
 from heightmap25d_ros.evaluation import trajectory_error
 from heightmap25d_ros.evaluation.trajectory_error import TrajectoryError
 from heightmap25d_ros.grid.height_map import HeightMap
-from heightmap25d_ros.io import decode, layers_file, map_directory, trajectory
+from heightmap25d_ros.io import atomic_directory, decode, layers_file, map_directory, trajectory
 from heightmap25d_ros.io.bag import ODOMETRY, Bag
 from heightmap25d_ros.localization.surface import surface_of
 from heightmap25d_ros.localization.tracker import Attempt
@@ -109,10 +109,10 @@ def _localize(options: argparse.Namespace) -> Figures:
     warnings = warn(localizer)
     T_map_odom = corrected[0][1] @ se3.inverse(odometry[0][1])
     odometry = [(stamp, T_map_odom @ T) for stamp, T in odometry]
-    options.output.mkdir(parents=True, exist_ok=True)
-    trajectory.write_tum(options.output / map_directory.TRAJECTORY, corrected)
-    _write_attempts(options.output / REGISTRATIONS, attempts)
-    _draw(options.output, long_term, settings, attempts, (corrected, odometry, truth))
+    with atomic_directory.adding(options.output) as new:
+        trajectory.write_tum(new / map_directory.TRAJECTORY, corrected)
+        _write_attempts(new / REGISTRATIONS, attempts)
+        _draw(new, long_term, settings, attempts, (corrected, odometry, truth))
     return {
         **figures_of([bag]),
         "output": str(options.output),

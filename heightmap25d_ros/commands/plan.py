@@ -20,7 +20,7 @@ from heightmap25d_ros.commands.common import (
 from heightmap25d_ros.errors import NegativeResultError
 from heightmap25d_ros.evaluation.path_drivability import evaluate_path
 from heightmap25d_ros.evaluation.truth import read_ground
-from heightmap25d_ros.io import map_directory, trajectory
+from heightmap25d_ros.io import atomic_directory, map_directory, trajectory
 from heightmap25d_ros.pipelines.planning import Planning
 from heightmap25d_ros.planning.plan import Plan, Pose2D
 from heightmap25d_ros.planning.planner import compile_kernels
@@ -67,18 +67,18 @@ def _plan(options: argparse.Namespace) -> Figures:
     planning = Planning(settings)
     planning.set_map(height_map)
     plan = planning.plan_between(options.start, options.goal)
-    options.output.mkdir(parents=True, exist_ok=True)
     paths = [options.output / name for name in (PLAN_TUM, PLAN_PNG)]
     if not plan.found or plan.graph is None:
         for path in paths:
             path.unlink(missing_ok=True)  # of an earlier plan
         raise NegativeResultError(_figures(plan), EXIT_NO_PATH)
     distance = plan_figure.distances(plan.poses)
-    trajectory.write_tum(
-        paths[0],
-        [(round(d * 1e9), T) for d, T in zip(distance, plan.poses, strict=True)],
-    )
-    plan_figure.draw(paths[1], height_map, plan.graph, plan, settings.planner)
+    with atomic_directory.adding(options.output) as new:
+        trajectory.write_tum(
+            new / PLAN_TUM,
+            [(round(d * 1e9), T) for d, T in zip(distance, plan.poses, strict=True)],
+        )
+        plan_figure.draw(new / PLAN_PNG, height_map, plan.graph, plan, settings.planner)
     figures = {**_figures(plan), "path": str(paths[0]), "picture": str(paths[1])}
     if options.truth:
         xyz_rpy = se3.to_xyz_rpy(plan.poses)

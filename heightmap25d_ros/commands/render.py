@@ -15,7 +15,7 @@ from heightmap25d_ros.commands.common import (
     read_params,
     require_map,
 )
-from heightmap25d_ros.io import map_directory
+from heightmap25d_ros.io import atomic_directory, map_directory
 from heightmap25d_ros.io.trajectory import read_tum
 from heightmap25d_ros.terrain.traversability import to_obstacle_map
 from heightmap25d_ros.viz import map_figures
@@ -38,11 +38,10 @@ def _render(options: argparse.Namespace) -> Figures:
     trajectory = None
     if (options.map / map_directory.TRAJECTORY).exists():
         trajectory = read_tum(options.map / map_directory.TRAJECTORY)[:, 1:4]
-    options.output.mkdir(parents=True, exist_ok=True)
-    pictures = [options.output / f"{name}.png" for name in ("height", "obstacles", "blocks")]
-    map_figures.height_map(pictures[0], height_map, trajectory)
-    map_figures.obstacle_map(
-        pictures[1], to_obstacle_map(height_map, settings.traversability), trajectory, height_map
-    )
-    map_figures.blocks(pictures[2], height_map, trajectory)
-    return {"pictures": [str(picture) for picture in pictures]}
+    obstacles = to_obstacle_map(height_map, settings.traversability)
+    names = [f"{name}.png" for name in ("height", "obstacles", "blocks")]
+    with atomic_directory.adding(options.output) as new:
+        map_figures.height_map(new / names[0], height_map, trajectory)
+        map_figures.obstacle_map(new / names[1], obstacles, trajectory, height_map)
+        map_figures.blocks(new / names[2], height_map, trajectory)
+    return {"pictures": [str(options.output / name) for name in names]}

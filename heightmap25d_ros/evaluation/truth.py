@@ -12,13 +12,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile, is_zipfile
+from zipfile import is_zipfile
 
 import numpy as np
 from numpy.typing import NDArray
 
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.grid.height_map import Geometry
+from heightmap25d_ros.grid.height_map import Geometry, require_plausible
+from heightmap25d_ros.input_files import require_file
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,14 +52,17 @@ def truth_file(path: Path, fault: str) -> Iterator[Any]:
     """
     if path.is_dir():
         raise InputError(f"{path}: {fault}: it is a directory")
+    require_file(path)
     try:
         if path.exists() and not is_zipfile(path):
             raise InputError(f"{path}: {fault}: it is no npz file")
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             yield archive
+    except InputError:
+        raise
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}") from None
-    except (ValueError, LookupError, TypeError, AttributeError, EOFError, BadZipFile) as error:
+    except Exception as error:  # zipfile, zlib and numpy raise a dozen types on damaged bytes
         reason = " ".join(str(error).split())
         raise InputError(f"{path}: {fault}: {reason}") from None
 
@@ -73,12 +77,9 @@ def read_truth(path: Path) -> Truth:
     """
     with truth_file(path, "is not a true surface") as archive:
         top, seen = (np.asarray(archive[name], np.float64) for name in ("top", "seen"))
-        resolution, (x, y) = float(archive["resolution"]), archive["origin"]
-    if top.ndim != 2 or top.shape != seen.shape:
+        geometry = _geometry(path, archive, top)
+    if top.shape != seen.shape:
         raise InputError(f"{path}: top and seen are not two grids of one shape")
-    geometry = Geometry(
-        resolution=resolution, origin=(float(x), float(y)), shape=(top.shape[0], top.shape[1])
-    )
     return Truth(geometry=geometry, top=top, seen=seen)
 
 
@@ -114,10 +115,21 @@ def read_ground(path: Path) -> TrueGround:
         clearance = np.full(height.shape, np.inf)
         if "clearance" in archive:
             clearance = np.asarray(archive["clearance"], np.float64)
-        resolution, (x, y) = float(archive["resolution"]), archive["origin"]
-        rows, columns = height.shape
-    geometry = Geometry(resolution=resolution, origin=(float(x), float(y)), shape=(rows, columns))
+        geometry = _geometry(path, archive, height)
     return TrueGround(geometry=geometry, height=height, clearance=clearance)
+
+
+def _geometry(path: Path, archive: Any, values: NDArray[np.float64]) -> Geometry:
+    """The cells of a grid of the truth."""
+    (rows, columns), (x, y) = values.shape, archive["origin"]
+    geometry = Geometry(
+        resolution=float(archive["resolution"]), origin=(float(x), float(y)), shape=(rows, columns)
+    )
+    try:
+        require_plausible(geometry)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    return geometry
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -148,8 +160,12 @@ def read_goals(path: Path) -> GoalPairs:
         If the file cannot be read or has other content.
     """
     with truth_file(path, "holds no goals") as archive:
-        start, goal = (np.asarray(archive[name], np.float64) for name in ("start", "goal"))
+        start, goal = (np.asarray(archive[name], np.float64)[:, :2] for name in ("start", "goal"))
         reachable, observed = (
             np.asarray(archive[name], bool) for name in ("reachable", "observed")
         )
-    return GoalPairs(start=start[:, :2], goal=goal[:, :2], reachable=reachable, observed=observed)
+    if {start.shape, goal.shape} != {(len(start), 2)} or not np.isfinite([start, goal]).all():
+        raise InputError(f"{path}: start and goal are not pairs of places")
+    if {reachable.shape, observed.shape} != {(len(start),)}:
+        raise InputError(f"{path}: reachable and observed are not one for each pair")
+    return GoalPairs(start=start, goal=goal, reachable=reachable, observed=observed)

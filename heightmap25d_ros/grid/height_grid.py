@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
+from scipy import ndimage
 
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_map import PROBABILITY_THRESHOLD, Area, Geometry, HeightMap
@@ -179,6 +180,40 @@ class HeightGrid:
             return Area(self.area.rows // 2, self.area.rows // 2, 0, 0)
         rows, columns = last_y - first_y + 1, last_x - first_x + 1
         return Area(first_y * TILE, first_x * TILE, rows * TILE, columns * TILE)
+
+    def main_area(self, most_cells: float) -> Area:
+        """The part of `observed_area` without what is far off and small.
+
+        The largest connected group of observed tiles, and of the others, from large to small, each
+        one with which the bounding box has no more cells. Of two groups of one size the one nearer
+        to the anchor counts first.
+
+        Parameters
+        ----------
+        most_cells : float
+            Of the bounding box; the largest group may have more by itself.
+        """
+        area = self.observed_area()
+        if area.rows * area.columns <= most_cells:
+            return area
+        first_y, first_x, last_y, last_x, _ = self.observed.tolist()
+        seen = self.tile_top[first_y : last_y + 1, first_x : last_x + 1] > 0
+        labels, _ = ndimage.label(seen, np.ones((3, 3)))
+        sizes = np.bincount(labels.ravel())[1:]
+        boxes = np.array([
+            (rows.start + first_y, columns.start + first_x, rows.stop + first_y,
+             columns.stop + first_x) for rows, columns in ndimage.find_objects(labels)
+        ])  # fmt: skip
+        middle = self.tile_top.shape[0] / 2  # on both axes; there is a column more
+        away = np.hypot(*(boxes.reshape(-1, 2, 2).mean(axis=1) - middle).T)
+        order = np.lexsort((away, -sizes))
+        low, high = np.split(boxes[order[0]], 2)
+        for box in boxes[order[1:]]:
+            lower, higher = np.minimum(low, box[:2]), np.maximum(high, box[2:])
+            if np.prod(higher - lower) * TILE**2 <= most_cells:
+                low, high = lower, higher
+        rows, columns = (high - low) * TILE
+        return Area(int(low[0]) * TILE, int(low[1]) * TILE, int(rows), int(columns))
 
     @property
     def observed_cells(self) -> int:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.params.sections import GridParams, MapperParams
 
 HEIGHT_RESOLUTION = 0.01
@@ -29,6 +30,12 @@ PROBABILITY_THRESHOLD = MapperParams().probability_threshold
 
 FLOAT32_REACH = 4096.0
 """Coordinates up to here keep a quarter of a millimetre in single precision [m]."""
+
+POSITION_LIMIT = 1e8
+"""Coordinates beyond this are nonsense [m]: a place on Earth has none as large."""
+
+FINEST, COARSEST = 0.01, 10.0
+"""Sides of cells [m], as of parameter ``grid.resolution``."""
 
 Cell = tuple[int, int]
 """Row and column, (iy, ix)."""
@@ -94,6 +101,24 @@ class Geometry:
         """The geometry of a part of these cells."""
         x, y = self.cell_corner((area.iy, area.ix))
         return replace(self, origin=(float(x), float(y)), shape=area.shape)
+
+
+def require_plausible(geometry: Geometry) -> None:
+    """Refuse cells that come from outside and are none of a map on Earth.
+
+    Raises
+    ------
+    InputError
+        If their side is not within `FINEST` and `COARSEST`, or one of them lies beyond
+        `POSITION_LIMIT`.
+    """
+    if not FINEST * (1.0 - 1e-6) <= geometry.resolution <= COARSEST * (1.0 + 1e-6):
+        raise InputError(
+            f"resolution: {geometry.resolution:g} m is not within {FINEST:g} .. {COARSEST:g} m"
+        )
+    corners = *geometry.origin, *geometry.cell_corner(geometry.shape), geometry.ground_zero
+    if not all(abs(coordinate) <= POSITION_LIMIT for coordinate in corners):
+        raise InputError(f"origin: {geometry.origin} and {geometry.ground_zero} m are not a place")
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,11 +14,11 @@ from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import yaml
 from rosbags.interfaces import Connection
 from rosbags.typesys.store import Typestore
 
 from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.input_files import read_yaml, require_file
 from heightmap25d_ros.io._compression import zstd
 from heightmap25d_ros.io._connections import NO_DEFINITION, connection
 from heightmap25d_ros.io._sqlite_scan import journals, with_journal
@@ -35,7 +35,6 @@ from heightmap25d_ros.io._storage import (
 METADATA = "metadata.yaml"
 _COMPRESSED = ".zstd"
 _REINDEX = f"`ros2 bag reindex` writes {METADATA} anew"
-_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,9 +72,7 @@ def read_metadata(directory: Path, warn: Warn) -> Metadata | None:
         warn(f"{directory}: no {METADATA}; all its files are read; {_REINDEX}")
         return None
     try:
-        # CSafeLoader is the safe one.
-        document = yaml.load(path.read_text(encoding="utf-8"), Loader=_LOADER)
-        content = document["rosbag2_bagfile_information"]
+        content = read_yaml(path)["rosbag2_bagfile_information"]
         metadata = _metadata(content)
     except Exception as error:  # whatever the loader or a wrong structure raises
         reason = f"{one_line(error)}, {type(error).__name__}"
@@ -209,6 +206,7 @@ def _continues(name: str, listed: Sequence[str]) -> bool:
 def _open(
     file: Path, metadata: Metadata | None, store: Typestore, stack: ExitStack, warn: Warn
 ) -> Storage:
+    require_file(file)
     if file.suffix == ROSBAG1:
         return Rosbag1File(file, store, warn)
     is_compressed = metadata.compression_mode == "message" if metadata else None

@@ -158,8 +158,8 @@ class Rosbag2File:
         """All that can be read: behind what is damaged, the scan goes on where rosbags ended."""
         count = 0
         try:
-            for message in self._source.messages(connections, start, stop):
-                yield message
+            for connection, stamp_ns, data in self._source.messages(connections, start, stop):
+                yield _with_types(connection, stamp_ns, data)
                 count += 1
         except Exception as error:
             if self._scan is not None:
@@ -277,6 +277,13 @@ def _is_indexed(reader: Rosbag2Reader) -> bool:
     if chunks is None:
         return True
     return sum(sum(chunk.channel_count.values()) for chunk in chunks) == reader.message_count
+
+
+def _with_types(connection: Connection, stamp_ns: Any, data: Any) -> tuple[Connection, int, bytes]:
+    """A message whose stamp is a number; of bytes or, where a database has text, of none."""
+    if not isinstance(stamp_ns, int):
+        raise InputError("a stamp is not a number")
+    return connection, stamp_ns, data if isinstance(data, bytes) else b""
 
 
 def _decompressed(message: tuple[Connection, int, bytes]) -> tuple[Connection, int, bytes]:

@@ -1,16 +1,18 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Replacing a directory in one step, so that no crash leaves half of it."""
+"""Writing directories and files in one step, so that no crash leaves half of them."""
 
 from __future__ import annotations
 
 import ctypes
 import errno
+import fcntl
 import os
+import re
 import secrets
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from heightmap25d_ros.errors import InputError
@@ -34,19 +36,80 @@ def replacing(directory: Path) -> Iterator[Path]:
         If the directory cannot be written, or holds other directories.
     """
     directory = directory.resolve()
-    temporary = directory.with_name(f".{directory.name}.{secrets.token_hex(4)}.tmp")
-    try:
-        temporary.mkdir(parents=True)
+    with _temporary(directory, directory.parent) as temporary:
         yield temporary
         _link_other_files(directory, temporary)
         for path in (*temporary.iterdir(), temporary):
             _sync(path)
         _put_in_place(temporary, directory)
         _sync(directory.parent)
+
+
+@contextmanager
+def adding(directory: Path) -> Iterator[Path]:
+    """Hand out an empty directory whose files come into another one when all went well.
+
+    Each of them is synced before it takes the place of an older one. A directory that was not
+    there and into which nothing comes is not there afterwards.
+
+    Raises
+    ------
+    InputError
+        If the directory cannot be written.
+    """
+    directory = directory.resolve()
+    is_new = not directory.exists()
+    try:
+        with _temporary(directory, directory) as temporary:
+            yield temporary
+            for path in temporary.iterdir():
+                _sync(path)
+            for path in temporary.iterdir():
+                path.replace(directory / path.name)
+            _sync(directory)
+    except BaseException:
+        if is_new:
+            with suppress(OSError):
+                directory.rmdir()
+        raise
+
+
+@contextmanager
+def _temporary(directory: Path, place: Path) -> Iterator[Path]:
+    """A new directory in a place, ``.NAME.*.tmp``; those that killed processes left are removed.
+
+    It is locked as long as its process lives.
+    """
+    temporary = place / f".{directory.name}.{secrets.token_hex(4)}.tmp"
+    try:
+        temporary.mkdir(parents=True)
+        lock = os.open(temporary, os.O_RDONLY)
+        try:
+            with suppress(OSError):  # a file system without locks
+                fcntl.flock(lock, fcntl.LOCK_EX)
+            _sweep(directory.name, place)
+            yield temporary
+        finally:
+            os.close(lock)
     except OSError as error:
         raise InputError(f"{directory}: cannot be written: {error.strerror}") from None
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _sweep(name: str, place: Path) -> None:
+    """Remove the temporary directories of a name that no living process has locked."""
+    pattern = re.compile(rf"\.{re.escape(name)}\.[0-9a-f]{{8}}\.tmp")
+    for path in place.iterdir():
+        if not pattern.fullmatch(path.name) or path.is_symlink() or not path.is_dir():
+            continue
+        with suppress(OSError):
+            lock = os.open(path, os.O_RDONLY)
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shutil.rmtree(path)
+            finally:
+                os.close(lock)
 
 
 def _link_other_files(directory: Path, target: Path) -> None:

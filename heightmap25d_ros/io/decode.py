@@ -1,28 +1,30 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Messages into arrays and arrays into messages.
+"""Messages into arrays.
 
-Incoming messages are taken by duck type: rclpy's and rosbags' serve alike. What comes out of
-here is sound; what is not raises `InputError` with the field. Outgoing messages are rclpy's:
-their big arrays are set as ``array.array``, since every other way checks each element.
+Messages are taken by duck type: rclpy's and rosbags' serve alike. What comes out of here is sound;
+what is not raises `InputError` with the field.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_map import (
     HEIGHT_RESOLUTION,
+    POSITION_LIMIT,
     PROBABILITY_SCALE,
     Geometry,
     HeightMap,
+    require_plausible,
 )
 from heightmap25d_ros.io import _scan_fields
 from heightmap25d_ros.mapping.sensor_model import Scan
@@ -30,8 +32,13 @@ from heightmap25d_ros.mapping.sensor_model import Scan
 QUATERNION_TOLERANCE = 0.01
 """How far the norm of a rotation may be from 1, as in tf2; within it, it is normalised."""
 
-POSITION_LIMIT = 1e8
-"""Coordinates beyond this are nonsense [m]: a place on Earth has none as large."""
+LONGEST_PATH = 1e5
+"""No robot is sent so far at once [m]."""
+
+_NO_VARIANCE = 1e-9  # rounding
+
+LONGEST_FRAME = 100
+"""Characters of the name of a frame: names are kept, logged and sent."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,7 +96,7 @@ def scan(message: Any) -> Scan:
     _scan_fields.check_fields(message, len(ranges))
     return Scan(
         stamp_ns=stamp,
-        frame_id=_frame(message.header.frame_id),
+        frame_id=frame_name(message.header.frame_id, "header.frame_id"),
         angle_min=float(message.angle_min),
         angle_increment=float(message.angle_increment),
         time_increment=float(message.time_increment),
@@ -105,8 +112,9 @@ def odometry(message: Any, base_frame: str = "") -> Odometry:
     The child is the base frame where the message names none, as poses never do. Refuses unnamed
     frames, and what `pose` refuses.
     """
-    frame_id = _frame(message.header.frame_id)
-    child_frame_id = _frame(getattr(message, "child_frame_id", "")) or base_frame
+    frame_id = frame_name(message.header.frame_id, "header.frame_id")
+    given = frame_name(getattr(message, "child_frame_id", ""), "child_frame_id")
+    child_frame_id = given or base_frame
     if not (frame_id and child_frame_id):
         raise InputError("child_frame_id: empty" if frame_id else "header.frame_id: empty")
     return Odometry(
@@ -153,21 +161,23 @@ def height_map(message: Any, frame_id: str | None = None) -> HeightMap:
 
 def _geometry(info: Any) -> Geometry:
     """Of a nav_msgs/MapMetaData without rotation."""
-    resolution = float(info.resolution)
-    if not 0.001 <= resolution <= 1000.0:
-        raise InputError(f"info.resolution: {resolution:g} m is not the side of a cell")
     if not (info.width and info.height):
         raise InputError(f"info: {info.width} x {info.height} cells are no map")
     x, y, z, *rotation = _coordinates(info.origin.position, info.origin.orientation, "info.origin")
     if abs(rotation[3]) < 1.0 - 1e-6:
         raise InputError("info.origin: the map is turned")
-    # The resolution is a float32 there: 0.1 is not the 0.1 that the cells were made with.
-    return Geometry(
-        resolution=float(f"{resolution:.7g}"),
+    geometry = Geometry(
+        # A float32 there: 0.1 is not the 0.1 that the cells were made with.
+        resolution=float(f"{info.resolution:.7g}"),
         origin=(x, y),
         shape=(info.height, info.width),
         ground_zero=z,
     )
+    try:
+        require_plausible(geometry)
+    except InputError as error:
+        raise InputError(f"info.{error}") from None
+    return geometry
 
 
 def pose_in(message: Any, frame_id: str) -> se3.Matrix:
@@ -196,7 +206,7 @@ def require_frame(header: Any, frame_id: str) -> None:
     InputError
         If it is another one.
     """
-    frame = _frame(header.frame_id)
+    frame = frame_name(header.frame_id, "header.frame_id")
     if frame != frame_id:
         raise InputError(f"header.frame_id: is {frame!r}, not {frame_id!r}")
 
@@ -213,23 +223,71 @@ def pose(message: Any, field: str) -> se3.Matrix:
     return np.asarray(_matrices([_coordinates(message.position, message.orientation, field)])[0])
 
 
-def planar_covariance(message: Any) -> NDArray[np.float64]:
+def twist(message: Any) -> tuple[float, float]:
+    """Speed [m/s] along x and turn rate [rad/s] about z of a geometry_msgs/Twist.
+
+    Raises
+    ------
+    InputError
+        If one is not finite.
+    """
+    command = float(message.linear.x), float(message.angular.z)
+    if not all(map(math.isfinite, command)):
+        raise InputError(f"linear.x, angular.z: {command} is not a command")
+    return command
+
+
+def path(message: Any) -> NDArray[np.float64]:
+    """(N, 2) float64 [m]: the places of a nav_msgs/Path.
+
+    Raises
+    ------
+    InputError
+        If one is not finite, or farther away than `POSITION_LIMIT`; or the path is longer than
+        `LONGEST_PATH`.
+    """
+    places = [(stamped.pose.position.x, stamped.pose.position.y) for stamped in message.poses]
+    points = np.array(places, np.float64).reshape(-1, 2)
+    if not (np.abs(points) <= POSITION_LIMIT).all():
+        raise InputError("poses: a position is not a place")
+    if np.abs(np.diff(points, axis=0)).sum() > LONGEST_PATH:
+        raise InputError(f"poses: are more than {LONGEST_PATH:g} m long")
+    return points
+
+
+def planar_covariance(message: Any, limits: ArrayLike) -> NDArray[np.float64]:
     """(3, 3) of x, y [m], yaw [rad] of a geometry_msgs/PoseWithCovarianceStamped.
+
+    Parameters
+    ----------
+    message : geometry_msgs.msg.PoseWithCovarianceStamped
+    limits : (3,) float
+        For which larger standard deviations are taken: many senders write 99999 for "unknown".
 
     Raises
     ------
     InputError
         If it is not finite, or is no covariance: a variance is negative, for instance.
     """
-    whole = np.asarray(message.pose.covariance, np.float64).reshape(6, 6)
+    whole = np.asarray(message.pose.covariance, np.float64)
+    if whole.size != 36:
+        raise InputError(f"pose.covariance: {whole.size} numbers are not 6 x 6")
+    whole = whole.reshape(6, 6)
     covariance = whole[np.ix_((0, 1, 5), (0, 1, 5))]
-    if not np.isfinite(covariance).all() or np.linalg.eigvalsh(covariance)[0] < -1e-9:
-        raise InputError(f"pose.covariance: {covariance.tolist()} is not a covariance")
-    return np.asarray((covariance + covariance.T) / 2)
+    refused = InputError(f"pose.covariance: {covariance.tolist()} is not a covariance")
+    if not np.isfinite(covariance).all() or np.diag(covariance).min() < -_NO_VARIANCE:
+        raise refused
+    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    unit = np.where(deviation > 0.0, deviation, 1.0)
+    correlation = (covariance / unit / unit[:, None] + covariance.T / unit / unit[:, None]) / 2
+    if np.linalg.eigvalsh(correlation)[0] < -_NO_VARIANCE:
+        raise refused
+    limited = np.minimum(deviation, limits)
+    return np.asarray(correlation * np.outer(limited, limited))
 
 
-def transforms(message: Any) -> list[Transform]:
-    """The sound ones of the transforms of a tf2_msgs/TFMessage.
+def transforms(stamped_transforms: Iterable[Any]) -> list[Transform]:
+    """The sound ones of some geometry_msgs/TransformStamped, as a tf2_msgs/TFMessage has them.
 
     Unsound ones are left out, as tf2 does: one broken joint of an arm must not take the
     laser's mount away. Where all are unsound `InputError` names the first one's field.
@@ -237,13 +295,14 @@ def transforms(message: Any) -> list[Transform]:
     sound: list[tuple[str, str, int]] = []
     coordinates: list[tuple[float, ...]] = []
     faults: list[InputError] = []
-    for index, stamped in enumerate(message.transforms):
+    for index, stamped in enumerate(stamped_transforms):
         field, content = f"transforms[{index}]", stamped.transform
         try:
-            names = _frame(stamped.header.frame_id), _frame(stamped.child_frame_id)
-            if not all(names):
+            parent = frame_name(stamped.header.frame_id, field)
+            child = frame_name(stamped.child_frame_id, field)
+            if not (parent and child):
                 raise InputError(f"{field}: a frame has no name")
-            entry = (*names, stamp_ns(stamped.header))
+            entry = parent, child, stamp_ns(stamped.header)
             coordinates.append(_coordinates(content.translation, content.rotation, field))
             sound.append(entry)
         except InputError as fault:
@@ -258,8 +317,16 @@ def transforms(message: Any) -> list[Transform]:
     ]
 
 
-def _frame(name: str) -> str:
-    """Frame name without the leading slash of old recordings, as tf2 reads it."""
+def frame_name(name: str, field: str) -> str:
+    """Name of a frame without the leading slash of old recordings, as tf2 reads it.
+
+    Raises
+    ------
+    InputError
+        If it has more than `LONGEST_FRAME` characters, or one that cannot be printed.
+    """
+    if len(name) > LONGEST_FRAME or not name.isprintable():
+        raise InputError(f"{field}: {name[:LONGEST_FRAME]!r} is not the name of a frame")
     return name.lstrip("/")
 
 

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Messages into arrays and arrays into messages.
+"""Arrays into messages.
 
-Incoming messages are taken by duck type: rclpy's and rosbags' serve alike. What comes out of
-here is sound; what is not raises `InputError` with the field. Outgoing messages are rclpy's:
-their big arrays are set as ``array.array``, since every other way checks each element.
+Outgoing messages are rclpy's: their big arrays are set as ``array.array``, since every other way
+checks each element. Nothing that is not finite goes out: it raises `ValueError` here, but for what
+a message defines as such (NaN where a layer of grid_map is unknown, an infinite clearance).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import array
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
@@ -23,6 +23,8 @@ from heightmap25d_ros.grid.height_map import (
     Geometry,
     HeightMap,
 )
+from heightmap25d_ros.localization.tracker import Attempt
+from heightmap25d_ros.planning.plan import Plan
 
 
 def fill_occupancy_grid(
@@ -170,6 +172,7 @@ def fill_path(
     stamp : int [ns]
     frame_id : str
     """
+    _require_finite("path", poses)
     fill_header(message.header, stamp, frame_id)
     quaternions = se3.to_quaternion(poses) if len(poses) else np.empty((0, 4))
     for T, quaternion in zip(poses, quaternions, strict=True):
@@ -195,6 +198,7 @@ def fill_pose(
     stamp : int [ns]
     frame_id : str
     """
+    _require_finite("pose", T, covariance)
     fill_header(message.header, stamp, frame_id)
     _fill_position(message.pose.pose.position, T)
     _fill_rotation(message.pose.pose.orientation, T)
@@ -205,6 +209,7 @@ def fill_pose(
 
 def fill_transform(message: Any, T: se3.Matrix, stamp: int, parent: str, child: str) -> None:
     """Fill a geometry_msgs/TransformStamped with the pose (4, 4) of the child in its parent."""
+    _require_finite("transform", T)
     fill_header(message.header, stamp, parent)
     message.child_frame_id = child
     _fill_position(message.transform.translation, T)
@@ -215,12 +220,44 @@ def fill_poses(
     message: Any, pose_type: Any, poses: NDArray[np.float64], stamp: int, frame_id: str
 ) -> None:
     """Fill a geometry_msgs/PoseArray; parameters as of `fill_path`, with the class Pose."""
+    _require_finite("poses", poses)
     fill_header(message.header, stamp, frame_id)
     for T in poses:
         filled = pose_type()
         _fill_position(filled.position, T)
         _fill_rotation(filled.orientation, T)
         message.poses.append(filled)
+
+
+def fill_plan_status(message: Any, plan: Plan) -> None:
+    """Fill a heightmap25d_msgs/PlanStatus, but for its header."""
+    figures = plan.length, plan.climb, plan.steepest_slope, plan.seconds
+    _require_finite("plan", figures)
+    message.code, message.reason = int(plan.status), plan.reason
+    message.length, message.climb, message.steepest_slope, message.planning_time = figures
+    message.least_clearance = plan.least_clearance  # infinite beside nothing
+
+
+def fill_localization_status(message: Any, attempt: Attempt) -> None:
+    """Fill the figures of a heightmap25d_msgs/LocalizationStatus with those of a registration."""
+    found = attempt.registration
+    figures = *attempt.deviation, found.overlap, found.residual, found.ratio
+    _require_finite("registration", figures)
+    message.reason = f"{attempt.kind.value}: {found.reason.value}"
+    message.position_deviation, message.yaw_deviation = figures[:2]
+    message.overlap, message.residual, message.ratio = figures[2:]
+
+
+def fill_twist(message: Any, speed: float, turn_rate: float) -> None:
+    """Fill a geometry_msgs/Twist with a speed [m/s] along x and a turn rate [rad/s] about z."""
+    _require_finite("command", (speed, turn_rate))
+    message.linear.x, message.angular.z = float(speed), float(turn_rate)
+
+
+def _require_finite(what: str, *values: ArrayLike) -> None:
+    """The one check of what goes out; a `ValueError` for what is not finite."""
+    if not all(np.isfinite(value).all() for value in values):
+        raise ValueError(f"{what}: is not finite, and not published")
 
 
 def _fill_position(message: Any, T: se3.Matrix) -> None:

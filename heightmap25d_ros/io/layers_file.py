@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_map import Geometry, HeightMap
+from heightmap25d_ros.input_files import require_file
 from heightmap25d_ros.io._untrusted import as_input_error
 from heightmap25d_ros.localization.layers import LayerMap
 
@@ -54,6 +55,7 @@ def load(directory: Path, height_map: HeightMap) -> LayerMap | None:
     path = directory / LAYERS
     if not path.exists():
         return None
+    require_file(path)
     shape = height_map.geometry.shape
     with as_input_error(str(path)), zipfile.ZipFile(path) as archive:
         version = int(_read(archive, path, "format_version", "iu", ()))

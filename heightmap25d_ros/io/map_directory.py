@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-import os
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,7 +18,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from heightmap25d_ros import se3
+from heightmap25d_ros import memory, se3
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_map import (
     HEIGHT_LIMIT,
@@ -28,9 +27,12 @@ from heightmap25d_ros.grid.height_map import (
     PROBABILITY_THRESHOLD,
     Geometry,
     HeightMap,
+    require_plausible,
 )
+from heightmap25d_ros.input_files import require_file
 from heightmap25d_ros.io import atomic_directory, layers_file
 from heightmap25d_ros.io._untrusted import as_input_error
+from heightmap25d_ros.io.decode import frame_name
 from heightmap25d_ros.io.trajectory import write_tum
 from heightmap25d_ros.localization.layers import LayerMap
 from heightmap25d_ros.params.sections import MappingParams
@@ -42,13 +44,18 @@ FORMAT_VERSION_OFFSET = 2
 """Of a map with a ``z_offset``, whose heights a reader of version 1 would take for z."""
 
 MAX_CELLS = 2**30
-"""A larger map is refused unread; so is one of which 16 bytes a cell exceed the memory."""
+"""A larger map is refused unread; so is one for which the memory is not available."""
+
+_BYTES_OF_CELL = 16
 
 MAP_YAML, MAP_PGM, HEIGHT_GRID = "map.yaml", "map.pgm", "height_grid.npz"
 TRAJECTORY = "trajectory.tum"
 
 MAP_FRAME = MappingParams().map_frame
 """Frame of a map, by default."""
+
+LONGEST_NAME = 200
+"""Bytes of the name of a map: file systems take 255, of which a save needs some."""
 
 _MAX_SMALL_FIELD = 1024
 """Bytes of a field that is not a grid."""
@@ -68,31 +75,41 @@ class LoadedMap:
     frame_id: str
 
 
+def check_name(name: str) -> None:
+    """Refuse a name of a map that no directory can have.
+
+    Raises
+    ------
+    InputError
+        If it is empty, longer than `LONGEST_NAME`, holds what cannot be printed (a NUL, a line
+        break), is absolute, or has a part that begins with a dot.
+    """
+    parts = Path(name).parts
+    is_plain = name.isprintable() and len(name.encode()) <= LONGEST_NAME
+    if not (is_plain and parts) or Path(name).is_absolute():
+        raise InputError(f"map name {name[:LONGEST_NAME]!r}: does not name a map")
+    if any(part.startswith(".") for part in parts):
+        raise InputError(f"map name {name!r}: does not name a map, a part of it begins with a dot")
+
+
 def map_path(map_directory: Path, name: str) -> Path:
     """Where a map of this name lies inside of the directory of maps.
 
     Raises
     ------
     InputError
-        If the name is empty, holds a NUL, leads out of the directory (``..``, absolute, through
-        a symbolic link), or has a part that begins with a dot.
+        For a name that `check_name` refuses, and one that leads out of the directory through a
+        symbolic link, or into another map.
     """
-    refused = InputError(f"map name {name!r}: does not name a map inside of {map_directory}")
-    parts = Path(name).parts
-    if not parts or "\0" in name or Path(name).is_absolute():
-        raise refused
-    if any(part.startswith(".") for part in parts):
-        raise refused
-    try:
+    check_name(name)
+    with as_input_error(f"map name {name!r}"):
         root = map_directory.resolve()
         path = (root / name).resolve()
-    except (OSError, RuntimeError) as error:
-        raise InputError(f"map name {name!r}: {error}") from None
-    if root not in path.parents:
-        raise refused
-    for parent in path.parents:
-        if root in parent.parents and (parent / HEIGHT_GRID).exists():
-            raise InputError(f"map name {name!r}: {parent.name} is a map itself")
+        if root not in path.parents:
+            raise InputError(f"map name {name!r}: does not name a map inside of {map_directory}")
+        for parent in path.parents:
+            if root in parent.parents and (parent / HEIGHT_GRID).exists():
+                raise InputError(f"map name {name!r}: {parent.name} is a map itself")
     return path
 
 
@@ -183,6 +200,7 @@ def load(directory: Path | str, probability_threshold: float = PROBABILITY_THRES
         If the file is missing, damaged, foreign, of another version, or too large.
     """
     path = Path(directory) / HEIGHT_GRID
+    require_file(path)
     with as_input_error(str(path)), zipfile.ZipFile(path) as archive:
         version = int(_read_field(archive, path, "format_version"))
         if version not in (FORMAT_VERSION, FORMAT_VERSION_OFFSET):
@@ -278,16 +296,18 @@ def _check_header(file: IO[bytes], path: Path, name: str) -> None:
         raise InputError(f"{path}: {name} is an array {shape} of {dtype}, not as in a map")
     if rank < 2 and dtype.itemsize * math.prod(shape) > _MAX_SMALL_FIELD:
         raise InputError(f"{path}: {name} is too long")
-    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    if math.prod(shape) > min(MAX_CELLS, memory // 16):
+    if math.prod(shape) > MAX_CELLS:
         raise InputError(f"{path}: {name} has {shape[0]} x {shape[1]} cells, which is too large")
+    memory.require(math.prod(shape) * _BYTES_OF_CELL, f"{path}: {name}")
 
 
 def _checked(path: Path, fields: dict[str, NDArray[Any]], threshold: float) -> LoadedMap:
     """The map made of its fields, once all of them are found right."""
     height, probability = fields["height"], fields["probability"]
     resolution, scale = float(fields["resolution"]), float(fields["probability_scale"])
-    frame_id, offset = str(fields["frame_id"]), float(fields.get("z_offset", np.array(0.0)))
+    offset = float(fields.get("z_offset", np.array(0.0)))
+    with as_input_error(f"{path}: frame_id"):  # may hold what is no character
+        frame_id = str(fields["frame_id"])
     believed = probability if probability.dtype.kind == "f" else probability * np.float32(scale)
     for fault, found in {
         "height is empty": height.size == 0,
@@ -295,10 +315,8 @@ def _checked(path: Path, fields: dict[str, NDArray[Any]], threshold: float) -> L
         "height_resolution is not 0.01": not math.isclose(
             fields["height_resolution"], HEIGHT_RESOLUTION, rel_tol=1e-6
         ),
-        "resolution is not a positive length": not 0.0 < resolution < math.inf,
         "origin is not two finite coordinates": fields["origin"].shape != (2,)
         or not np.isfinite(fields["origin"]).all(),
-        "z_offset is not finite": not math.isfinite(offset),
         "frame_id is empty": not frame_id,
         "height holds values beyond the limit": height.size > 0
         and max(int(height.max()), -int(height.min())) > HEIGHT_LIMIT,
@@ -315,6 +333,11 @@ def _checked(path: Path, fields: dict[str, NDArray[Any]], threshold: float) -> L
         shape=(height.shape[0], height.shape[1]),
         ground_zero=offset,
     )
+    try:
+        frame_name(frame_id, "frame_id")
+        require_plausible(geometry)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
     height_map = HeightMap(
         geometry=geometry,
         height=height.astype(np.int16),

@@ -379,7 +379,7 @@ def _of(registration: Registration, nodes: int = 0) -> SearchResult:
 
 
 def _ground_under(points: RegistrationPoints) -> float | None:
-    """z [m] of the ground under the robot, as its own points tell; None if they do not."""
+    """Z [m] of the ground under the robot, as its own points tell; None if they do not."""
     distance = np.hypot(*points.xyz[:, :2].T)
     near = np.flatnonzero(~points.is_edge & (distance < _AROUND))
     near = near[np.argsort(distance[near], kind="stable")[:_OF_GROUND]]

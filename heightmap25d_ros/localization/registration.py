@@ -16,7 +16,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from heightmap25d_ros import se3
+from heightmap25d_ros import memory, se3
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.localization import matching
 from heightmap25d_ros.localization.matching import Cost, Match, RegistrationPoints, Window
@@ -37,6 +37,7 @@ _PENALTY = 0.003  # [clip] cost of a hypothesis one standard deviation from the 
 SIGMAS = 3.0
 """Half the width of the search window in standard deviations of the prior."""
 
+_BYTES_OF_HYPOTHESIS = 100
 _CERTAINTY = 250.0  # [1 / cell^2 / curvature] information per curvature, as measured
 
 
@@ -121,6 +122,11 @@ def register(
     prior : (3, 3) float64
         Covariance of x, y, yaw of the prior pose.
     params : RegistrationParams
+
+    Raises
+    ------
+    InputError
+        If the window has so many hypotheses that the memory is not available.
     """
     if len(points.xyz) < MIN_POINTS:
         return rejected(Reason.FEW_POINTS, len(points.xyz))
@@ -238,6 +244,7 @@ def _minima(
 ) -> Array:
     """The best hypotheses (B, 3) of a window that are not adjacent to one another."""
     x, y, yaw = window
+    memory.require(len(x) * len(y) * len(yaw) * _BYTES_OF_HYPOTHESIS, "the search around the pose")
     scores = matching.search(points, window, surface, cost)
     hypotheses = np.stack(np.meshgrid(yaw, y, x, indexing="ij"), axis=-1)[..., ::-1].copy()
     hypotheses[..., :2] *= surface.resolution

@@ -16,11 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from heightmap25d_ros import memory
 from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, HeightMap
 from heightmap25d_ros.localization.height_pyramid import HeightPyramid, pyramid_of
 
 NEAR = 8  # [cells] from known cells within which unknown cells count
 BORDER = NEAR + 2  # [cells] width of the unknown border around a surface
+_BYTES_OF_CELL = 32  # heights, edges, the same with their border, and what is between
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +62,14 @@ class Surface:
 
 
 def surface_of(height_map: HeightMap, edge_step: float) -> Surface:
-    """The known heights of a map, and its edges."""
+    """The known heights of a map, and its edges.
+
+    Raises
+    ------
+    InputError
+        If the memory is not available.
+    """
+    memory.require(height_map.height.size * _BYTES_OF_CELL, "localization in this map")
     # Not `HeightMap.metres`: kernels and edges work in single precision.
     heights = height_map.height.astype(np.float32) * np.float32(HEIGHT_RESOLUTION)
     heights[~height_map.known] = np.nan

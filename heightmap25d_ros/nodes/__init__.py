@@ -3,5 +3,6 @@
 """The ROS 2 nodes: the only modules that import rclpy.
 
 One file a node, which is thin: it hands messages to a pipeline and publishes what comes of them.
-`lifecycle` is what all managed nodes share, `runtime` runs a node as a process.
+`guard` is the one place through which their callbacks run. `lifecycle` is what all managed nodes
+share, `plain` what the others do, `runtime` runs a node as a process.
 """

@@ -18,6 +18,7 @@ from rclpy.qos import DurabilityPolicy, QoSCompatibility, qos_check_compatible
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import LaserScan
 
+from heightmap25d_ros.nodes.guard import Guard
 from heightmap25d_ros.nodes.interface import Input as Interface
 from heightmap25d_ros.nodes.qos import best_effort, is_best_effort_needed
 from heightmap25d_ros.pipelines.drops import Drops
@@ -57,8 +58,8 @@ class Reporting(Protocol):
         """What was not used."""
 
     @property
-    def failures(self) -> tuple[int, str]:
-        """How many callbacks ended with an exception, and the newest one."""
+    def guard(self) -> Guard:
+        """Which callbacks failed."""
 
     def figures(self) -> dict[str, Any]:
         """Further values of the report."""
@@ -110,7 +111,9 @@ class Diagnostics:
             counted.received += 1
             entry.callback(message)
 
-        subscription = self._node.create_subscription(entry.kind, entry.topic, take, entry.profile)
+        subscription = self._node.create_subscription(
+            entry.kind, entry.topic, take, entry.profile, raw=entry.is_raw
+        )
         is_latched = entry.profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
         counted = _Counted(subscription, entry.is_needed, is_latched, take)
         self._inputs.append(counted)
@@ -134,6 +137,7 @@ class Diagnostics:
             counted.take,
             best_effort(heard.qos_profile),
             qos_overriding_options=None,
+            raw=heard.raw,
         )
         self._node.destroy_subscription(heard)
 
@@ -232,9 +236,9 @@ class Diagnostics:
         state, level = self._reporting.state_label, DiagnosticStatus.OK
         trouble = self._reporting.trouble() if self._reporting.is_configured else ""
         self._log_trouble(trouble)
-        failures, failure = self._reporting.failures
+        failures, newest = self._reporting.guard.failures.total(), self._reporting.guard.newest
         if failures:
-            trouble = "; ".join(filter(None, [trouble, f"{failures} callbacks failed: {failure}"]))
+            trouble = "; ".join(filter(None, [trouble, f"{failures} callbacks failed: {newest}"]))
         if trouble:
             level = DiagnosticStatus.ERROR
             found.insert(0, trouble)

@@ -12,18 +12,18 @@ import sys
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
 from nav_msgs.msg import Odometry, Path
-from rclpy.node import Node
 
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.io import decode
+from heightmap25d_ros.io import decode, encode
 from heightmap25d_ros.nodes import parameters, qos, runtime
 from heightmap25d_ros.nodes.lifecycle import REPORT_PERIOD
+from heightmap25d_ros.nodes.plain import PlainNode
 from heightmap25d_ros.simulation.pure_pursuit import Driver
 
 _SPEED = 1.0  # [m/s]
 
 
-class DriverNode(Node):
+class DriverNode(PlainNode):
     """Thin: hands poses to a `Driver` along the newest plan, and publishes its commands.
 
     Without a plan, and at its end, the robot stands.
@@ -33,7 +33,7 @@ class DriverNode(Node):
     PARAMETERS: tuple[str, ...] = ("intake.base_frame",)
 
     def __init__(self) -> None:
-        super().__init__(self.NAME, automatically_declare_parameters_from_overrides=True)
+        super().__init__()
         self._base_frame = parameters.declare_params(self, self.PARAMETERS).intake.base_frame
         self._T_map_odom = np.eye(4)
         self._driver: Driver | None = None
@@ -45,9 +45,14 @@ class DriverNode(Node):
         )
 
     def _on_plan(self, message: Path) -> None:
-        places = [(stamped.pose.position.x, stamped.pose.position.y) for stamped in message.poses]
-        is_way = len(places) > 1 and bool(np.isfinite(places).all())
-        self._driver = Driver(np.array(places), _SPEED) if is_way else None
+        self._driver = None
+        try:
+            points = decode.path(message)
+        except InputError as error:
+            self._complain(error)
+            return
+        if len(points) > 1:
+            self._driver = Driver(points, _SPEED)
 
     def _on_correction(self, message: PoseWithCovarianceStamped) -> None:
         try:
@@ -67,7 +72,7 @@ class DriverNode(Node):
         if self._driver is not None:
             speed, turn_rate = self._driver.command(self._T_map_odom @ odometry.T)
         command = Twist()
-        command.linear.x, command.angular.z = float(speed), float(turn_rate)
+        encode.fill_twist(command, speed, turn_rate)
         self._outlet.publish(command)
 
     def _complain(self, error: InputError) -> None:

@@ -24,6 +24,8 @@ class Input:
     profile : QoSProfile
     is_needed : bool
         Whether the node is of no use without it: the self-check complains where it is silent.
+    is_raw : bool
+        Whether the callback takes the serialized bytes.
     """
 
     kind: Any
@@ -31,6 +33,7 @@ class Input:
     callback: Callable[[Any], Any]
     profile: QoSProfile
     is_needed: bool = False
+    is_raw: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import functools
 import traceback
 from collections.abc import Callable, Iterable
 from typing import Any
@@ -19,6 +18,7 @@ from rclpy.timer import Timer
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.nodes import parameters, qos
 from heightmap25d_ros.nodes.diagnostics import Diagnostics
+from heightmap25d_ros.nodes.guard import GuardedCallbacks
 from heightmap25d_ros.nodes.interface import Input, Output, Service
 from heightmap25d_ros.params import by_name
 from heightmap25d_ros.params.sections import Params
@@ -29,13 +29,12 @@ REPORT_PERIOD = 5.0
 """Between two log lines about dropped messages [s]."""
 
 
-class ManagedNode(LifecycleNode):
+class ManagedNode(GuardedCallbacks, LifecycleNode):
     """A managed node that configures and activates itself, unless ``autostart`` is false.
 
     A subclass names its topics and services in `inputs`, `outputs` and `offered_services`, and
     makes its pipeline in `set_up`. Publishers and services exist while the node is configured,
-    subscriptions and timers while it is active. No exception of a callback ends the node: it is
-    logged, counted on /diagnostics, and the node goes on with the next message.
+    subscriptions and timers while it is active.
 
     A subclass has its NAME, and the PARAMETERS that it uses: sections of `Params`, or single ones.
 
@@ -46,13 +45,12 @@ class ManagedNode(LifecycleNode):
         Whether there is what `set_up` makes.
     publishers_by_topic : dict of str to Publisher
         Those of `outputs`, while the node is configured.
+    exit_status : int
+        Of the process: 1 where something was not kept that must be.
     """
 
     NAME = ""
     PARAMETERS: tuple[str, ...] = ()
-
-    _failures = 0
-    _last_failure = ""
 
     def __init__(self) -> None:
         super().__init__(self.NAME, automatically_declare_parameters_from_overrides=True)
@@ -61,13 +59,16 @@ class ManagedNode(LifecycleNode):
         self._fault = ""
         self._reported = 0
         self.is_configured = False
+        self.exit_status = 0
         self.publishers_by_topic: dict[str, Publisher] = {}
         self._diagnostics = Diagnostics(self)
         self._older_than: dict[str, set[Any]] = {}
         change_state = self._service_change_state.callback
-        self._service_change_state.callback = self._guarded(
-            lambda request, response: _or_refused(change_state, request, response)
+        self._service_change_state.callback = lambda request, response: _or_refused(
+            change_state, request, response
         )
+        for service in self.services:  # those of the life cycle are not made by `create_service`
+            service.callback = self.guard.wrapped(service.callback)
 
     def inputs(self) -> list[Input]:
         """What the node subscribes to."""
@@ -109,8 +110,9 @@ class ManagedNode(LifecycleNode):
     def take_params(self) -> None:
         """`params` have changed; the node is configured."""
 
-    def finish(self) -> None:
-        """The pipeline is about to be given up: save what must be kept. The node is configured."""
+    def finish(self) -> bool:
+        """The pipeline is about to be given up: save what must be kept; whether that went well."""
+        return True
 
     @property
     def state_label(self) -> str:
@@ -121,11 +123,6 @@ class ManagedNode(LifecycleNode):
     def is_active(self) -> bool:
         """Whether the node subscribes and publishes."""
         return self.state_label == "active"
-
-    @property
-    def failures(self) -> tuple[int, str]:
-        """How many callbacks ended with an exception, and the newest one."""
-        return self._failures, self._last_failure
 
     def publish(self, topic: str, message: Any) -> None:
         """Publish on one of the `outputs`."""
@@ -151,13 +148,15 @@ class ManagedNode(LifecycleNode):
             return
         for trigger in (self.trigger_configure, self.trigger_activate):
             if trigger() != TransitionCallbackReturn.SUCCESS:
-                raise InputError(self._fault)
+                raise InputError(" ".join(self._fault.split()))
 
     def end(self) -> None:
         """Give up the pipeline, whatever state the node is in; what must be kept is saved."""
         if self.is_configured:
-            self.is_configured = False
-            self.finish()
+            self.is_configured = is_kept = False
+            with self.guard.catching():
+                is_kept = self.finish()
+            self.exit_status = self.exit_status if is_kept else 1
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Inactive afterwards."""
@@ -197,22 +196,10 @@ class ManagedNode(LifecycleNode):
     def create_subscription(
         self, kind: Any, topic: str, callback: Callable[..., Any], profile: Any, **options: Any
     ) -> Any:
-        """As of `rclpy.node.Node`, with a callback that cannot end the node, and overrides."""
+        """As of `rclpy.node.Node`, guarded, and with overrides."""
         with qos.overridable(profile) as (own, overrides):
             options = overrides | options
-            return super().create_subscription(kind, topic, self._guarded(callback), own, **options)
-
-    def create_service(
-        self, kind: Any, name: str, callback: Callable[..., Any], *arguments: Any, **options: Any
-    ) -> Any:
-        """As of `rclpy.node.Node`, with a callback that cannot end the node."""
-        return super().create_service(kind, name, self._guarded(callback), *arguments, **options)
-
-    def create_timer(
-        self, period: float, callback: Callable[..., Any], *arguments: Any, **options: Any
-    ) -> Any:
-        """As of `rclpy.node.Node`, with a callback that cannot end the node."""
-        return super().create_timer(period, self._guarded(callback), *arguments, **options)
+            return super().create_subscription(kind, topic, callback, own, **options)
 
     def set_parameters_atomically(self, parameter_list: list[Any]) -> Any:
         """As of `rclpy.node.Node`; for an unknown name the nearest known one is suggested."""
@@ -222,24 +209,6 @@ class ManagedNode(LifecycleNode):
             known = list(self.get_parameters_by_prefix(""))
             hints = [by_name.unknown(p.name, known) for p in parameter_list if p.name not in known]
             return SetParametersResult(successful=False, reason="; ".join(hints))
-
-    def _guarded(self, callback: Callable[..., Any]) -> Callable[..., Any]:
-        """The callback; what it raises is logged and counted, and does not reach the executor."""
-
-        @functools.wraps(callback)
-        def guarded(*arguments: Any) -> Any:
-            try:
-                return callback(*arguments)
-            except Exception as error:
-                self._failures += 1
-                failure = f"{type(error).__name__}: {error}"
-                if failure != self._last_failure:  # of many alike the first one tells all
-                    self.get_logger().error(f"{failure}\n{traceback.format_exc()}")
-                self._last_failure = failure
-                # A service's callback must return the response, which says no unless it was filled.
-                return arguments[1] if len(arguments) > 1 else None
-
-        return guarded
 
     def _configure(self) -> None:
         self.set_up()

@@ -183,11 +183,7 @@ class LocalizationNode(ManagedNode):
         stamp = self._localizer.stamp_ns if attempt is None else attempt.stamp_ns
         encode.fill_header(message.header, stamp, self._frame)
         if attempt is not None:
-            found = attempt.registration
-            message.reason = f"{attempt.kind.value}: {found.reason.value}"
-            message.position_deviation, message.yaw_deviation = attempt.deviation
-            message.overlap, message.residual = found.overlap, found.residual
-            message.ratio = found.ratio
+            encode.fill_localization_status(message, attempt)
         self.publish("~/status", message)
         if state is not self._state:
             change = f"{self._state.name} -> {state.name}; {message.reason}"

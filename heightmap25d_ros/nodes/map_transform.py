@@ -48,11 +48,13 @@ class MapTransform:
         self._silent_since = time.monotonic()
         self._newest_ns = -1
 
-    def observe(self, message: TFMessage) -> None:
-        """Look at what came on /tf."""
+    def observe(self, message: Any) -> None:
+        """Look at what came on /tf, in a TFMessage by duck type."""
         for transform in message.transforms:
-            stamp = transform.header.stamp.sec, transform.header.stamp.nanosec
-            if transform.header.frame_id == self._map_frame and stamp not in self._own_stamps:
+            header = transform.header
+            if header.frame_id != self._map_frame:
+                continue
+            if (header.stamp.sec, header.stamp.nanosec) not in self._own_stamps:
                 self._silent_since = time.monotonic()
 
     def next(self, stamp_ns: int, odom_frame: str, T_map_odom: se3.Matrix) -> Any:

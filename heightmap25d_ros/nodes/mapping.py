@@ -4,7 +4,9 @@
 
 from __future__ import annotations
 
+import math
 import sys
+import tempfile
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,7 +19,7 @@ from tf2_msgs.msg import TFMessage
 
 from heightmap25d_msgs.msg import LocalizationStatus
 from heightmap25d_msgs.srv import LoadMap, SaveMap
-from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.errors import InputError, printable
 from heightmap25d_ros.io import encode, map_directory
 from heightmap25d_ros.nodes import map_transform, qos, runtime
 from heightmap25d_ros.nodes.interface import Input, Output, Service
@@ -112,13 +114,23 @@ class MappingNode(ManagedNode):
             self.destroy_timer(self._publish_timer)
             self._start_publishing()
 
-    def finish(self) -> None:
-        """Save the map under the name ``autosave``, where there is one and it is not saved."""
-        if self.params.mapping.autosave and self._saved != self._version:
-            try:
-                self._save(self.params.mapping.autosave)
-            except InputError as error:
-                self.get_logger().error(f"map not saved: {error}")
+    def finish(self) -> bool:
+        """Save the map under the name ``autosave``, where there is one and it is not saved.
+
+        Where that fails it is saved in a new directory for temporary files, and the status is 1.
+        """
+        is_saved = self._saved == self._version or not self._mapping.grid.observed_cells
+        if is_saved or not self.params.mapping.autosave:
+            return True
+        try:
+            self._save(self.params.mapping.autosave)
+        except Exception as error:
+            path = Path(tempfile.mkdtemp(prefix="heightmap25d_")) / "map"
+            self._write(path, max_cells=math.inf)
+            told = printable(f"map not saved: {error}")
+            self.get_logger().error(f"{told}; saved as {path} instead")
+            return False
+        return True
 
     @property
     def dropped(self) -> Drops:
@@ -202,12 +214,15 @@ class MappingNode(ManagedNode):
     def _save(self, name: str) -> Path:
         path = self._path(name)
         self._count(self._mapping.settle())
-        height_map, obstacle_map = self._mapping.maps()
-        layers = self._mapping.layers(height_map.geometry)
-        map_directory.save(path, height_map, obstacle_map, self._frame, layers=layers)
+        self._write(path)
         self._saved = self._version
         self.get_logger().info(f"map saved: {path}")
         return path
+
+    def _write(self, path: Path, max_cells: float | None = None) -> None:
+        height_map, obstacle_map = self._mapping.maps(max_cells)
+        layers = self._mapping.layers(height_map.geometry)
+        map_directory.save(path, height_map, obstacle_map, self._frame, layers=layers)
 
     def _load(self, name: str) -> None:
         path = self._path(name)

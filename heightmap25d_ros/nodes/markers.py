@@ -74,7 +74,7 @@ class MarkersNode(ManagedNode):
         self._newest = message
 
     def _on_transforms(self, message: TFMessage) -> None:
-        heard = self._dropped.decoded("transforms", decode.transforms, message)
+        heard = self._dropped.decoded("transforms", decode.transforms, message.transforms)
         for transform in heard or ():
             if transform.child == anchor_frame(transform.parent):
                 self._anchors[transform.child] = transform.T[:3, 3]

@@ -16,6 +16,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.io import map_directory
 from heightmap25d_ros.params.by_name import flatten, is_live, with_present_names, with_values
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.params.spec import Spec, Value
@@ -88,6 +89,9 @@ def _declare_empty(node: Node, name: str, descriptor: ParameterDescriptor) -> No
 def _consistent(params: Params) -> Params:
     """The same parameters; `InputError` where sections do not go together."""
     covering_disc(params.traversability, params.grid.resolution)
+    for name in (params.mapping.autosave, params.mapping.initial_map):
+        if name:
+            map_directory.check_name(name)
     return params
 
 

@@ -114,15 +114,8 @@ class PlanningNode(ManagedNode):
         path = Path()
         self._fill_path(path, plan, stamp)
         self.publish("plan", path)
-        status = PlanStatus(
-            code=int(plan.status),
-            reason=plan.reason,
-            length=plan.length,
-            climb=plan.climb,
-            steepest_slope=plan.steepest_slope,
-            least_clearance=plan.least_clearance,
-            planning_time=plan.seconds,
-        )
+        status = PlanStatus()
+        encode.fill_plan_status(status, plan)
         status.header = path.header
         self.publish("~/status", status)
         self._unshown = plan

@@ -12,6 +12,7 @@ from nav_msgs.msg import Odometry
 from tf2_msgs.msg import TFMessage
 
 from heightmap25d_ros.io import decode
+from heightmap25d_ros.io.tf_bytes import tf_message
 from heightmap25d_ros.nodes import qos
 from heightmap25d_ros.nodes.interface import Input
 from heightmap25d_ros.params.sections import IntakeParams
@@ -50,16 +51,19 @@ def pose_inputs(
 
     poses = TransformPoses(params) if params.pose_source == "tf" else None
 
-    def take(message: TFMessage, is_static: bool) -> None:
+    def take(message: Any, is_static: bool) -> None:
         take_transforms(message, is_static)
         if poses is not None:
             for pose in poses.take(message, is_static=is_static):
                 take_observed(pose)
 
     topics = [
-        Input(TFMessage, "/tf", lambda m: take(m, False), qos.POSES, is_needed=poses is not None),
+        Input(
+            TFMessage, "/tf", lambda data: take(tf_message(data), False), qos.POSES,
+            is_needed=poses is not None, is_raw=True,
+        ),
         Input(TFMessage, "/tf_static", lambda m: take(m, True), qos.STATIC_TRANSFORMS),
-    ]
+    ]  # fmt: skip
     if poses is None:
         kind = _TYPES[params.pose_source]
         topics.insert(0, Input(kind, "odom", take_observed, qos.POSES, is_needed=True))

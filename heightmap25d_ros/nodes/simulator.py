@@ -10,10 +10,13 @@ import time
 from geometry_msgs.msg import Twist
 from rclpy.clock import Clock as RclpyClock
 from rclpy.clock import ClockType
-from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
+from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.io import decode
 from heightmap25d_ros.nodes import parameters, runtime
+from heightmap25d_ros.nodes.lifecycle import REPORT_PERIOD
+from heightmap25d_ros.nodes.plain import PlainNode
 from heightmap25d_ros.nodes.replay import message_class, profile_of
 from heightmap25d_ros.simulation import messages, recording
 from heightmap25d_ros.simulation.simulation import Simulation, TimedMessage
@@ -23,14 +26,14 @@ _LONGEST_TURN = 0.05  # [s] that it computes before it listens again
 _COMMAND_HOLDS = 0.5  # [s], simulated: without a new command the robot stops then
 
 
-class SimulatorNode(Node):
+class SimulatorNode(PlainNode):
     """Thin: steps a `Simulation` as time passes and publishes what it says, byte for byte."""
 
     NAME = "simulator"
     PARAMETERS: tuple[str, ...] = ("simulator",)
 
     def __init__(self) -> None:
-        super().__init__(self.NAME, automatically_declare_parameters_from_overrides=True)
+        super().__init__()
         params = parameters.declare_params(self, self.PARAMETERS).simulator
         self._rate = params.rate
         mounted = recording.mounted_lasers(params.scan_rate, has_nodding=params.nodding)
@@ -61,7 +64,11 @@ class SimulatorNode(Node):
         self.create_timer(_PERIOD, self._turn, clock=wall_clock)
 
     def _on_command(self, message: Twist) -> None:
-        self._command = (message.linear.x, message.angular.z)
+        try:
+            self._command = decode.twist(message)
+        except InputError as error:
+            self.get_logger().warning(f"dropped: {error}", throttle_duration_sec=REPORT_PERIOD)
+            return
         self._commanded_at = self._simulation.seconds
 
     def _turn(self) -> None:

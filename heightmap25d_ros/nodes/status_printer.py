@@ -8,12 +8,15 @@ import re
 import sys
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.node import Node
 
+from heightmap25d_ros.errors import printable
 from heightmap25d_ros.nodes import runtime
+from heightmap25d_ros.nodes.guard import GuardedCallbacks
+
+_MOST_NODES = 100  # whose states are remembered
 
 
-class StatusPrinterNode(Node):
+class StatusPrinterNode(GuardedCallbacks):
     """Part of ``heightmap25d bringup``."""
 
     NAME = "status_printer"
@@ -27,9 +30,10 @@ class StatusPrinterNode(Node):
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             told = re.sub(r"\d+", "", status.message)  # that a count went up is no news
-            if status.hardware_id == self.get_namespace() and self._told.get(status.name) != told:
+            is_ours = status.hardware_id == self.get_namespace() and len(self._told) < _MOST_NODES
+            if is_ours and self._told.get(status.name) != told:
                 self._told[status.name] = told
-                print(f"{status.name}: {status.message}", flush=True)
+                print(printable(f"{status.name}: {status.message}"), flush=True)
 
 
 def main() -> int:

@@ -40,7 +40,7 @@ def flatten(params: Params) -> dict[str, tuple[Spec, Value]]:
 _LIVE = (
     "sensor.min_range", "sensor.max_range", "sensor.no_return", "sensor.clearing_range",
     "sensor.min_height", "sensor.max_height", "traversability.", "planner.", "planning.",
-    "mapping.publish_rate", "mapping.max_cells", "mapping.map_directory", "mapping.autosave",
+    "mapping.publish_rate", "mapping.max_cells", "mapping.autosave",
     "registration.min_", "registration.max_",
 )  # fmt: skip
 
@@ -57,6 +57,8 @@ def _convert(name: str, given: Any, default: Value) -> Any:
         if not isinstance(given, list | tuple):
             raise InputError(f"parameter {name}: {given!r} is not a list")
         return tuple(_convert(name, entry, entry_type()) for entry in given)
+    if isinstance(given, int) and abs(given) >= 2**63:
+        raise InputError(f"parameter {name}: an integer has 64 bits")
     if isinstance(default, float) and isinstance(given, int) and not isinstance(given, bool):
         return float(given)
     if type(given) is not type(default):

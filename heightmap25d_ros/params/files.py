@@ -11,6 +11,7 @@ from typing import Any
 import yaml
 
 from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.input_files import read_yaml as read_yaml_file
 from heightmap25d_ros.params.by_name import flatten, is_live, with_values
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.params.spec import Value
@@ -52,13 +53,8 @@ def values_in(path: Path, node: str) -> dict[str, Any]:
     InputError
         If the file cannot be read or is not a parameter file.
     """
-    try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(f"{path}: {reason}") from None
     values: dict[str, Any] = {}
-    for name, block in _mapping(path, "the file", document).items():
+    for name, block in _mapping(path, "the file", read_yaml_file(path)).items():
         body = _mapping(path, name, block).get("ros__parameters")
         block_values = dict(_dotted(_mapping(path, f"{name}.ros__parameters", body)))
         if str(name).rpartition("/")[2] in ("**", "*", node):

@@ -323,7 +323,9 @@ class MappingParams(Section):
         True, "whether map -> odom is published on /tf while nobody else publishes it"
     )
     max_cells: float = parameter(
-        32e6, "a map whose bounding box has more cells is neither published nor saved",
+        32e6,
+        "a map whose bounding box has more cells is published and saved without what is far off "
+        "and small",
         low=256, high=1e9,
     )  # fmt: skip
     localization_layers: bool = parameter(

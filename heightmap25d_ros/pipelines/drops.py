@@ -72,7 +72,8 @@ class Drops(Counter[str]):
             return decode(message)
         except InputError as error:
             field = re.sub(r"\[\d+\]", "", str(error).partition(":")[0])
-            self.record(f"{kind}: bad {field}", str(error))
+            is_name = re.fullmatch(r"[a-z_.]+", field)
+            self.record(f"{kind}: bad {field if is_name else 'content'}", str(error))
             return None
 
     @property

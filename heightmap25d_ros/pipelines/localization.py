@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
+from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.io import decode
 from heightmap25d_ros.io.decode import Odometry
@@ -180,6 +181,11 @@ class Localizer:
         """Take the long-term map in; it may come, and be replaced, at any time.
 
         With its localization layers single scans are tracked, without them short-term maps.
+
+        Raises
+        ------
+        InputError
+            If the memory for it is not available; the map before stays.
         """
         self._surface = surface_of(height_map, self._params.registration.edge_step)
         self._landmarks = None if layers is None else landmarks_of(height_map, layers)
@@ -239,11 +245,16 @@ class Localizer:
         """Take a geometry_msgs/PoseWithCovarianceStamped in: where the robot is now.
 
         z is taken from the long-term map where it is known there, since RViz gives none. The
-        covariance says how far around it is searched; zeros: as at the start.
+        covariance says how far around it is searched, at most ``registration.window_distance`` and
+        ``window_angle``; zeros: as at the start.
         """
         frame = self._params.mapping.map_frame
+        search = self._params.registration
+        limits = search.window_distance, search.window_distance, search.window_angle
         pose = self.dropped.decoded("initialpose", lambda m: decode.pose_in(m, frame), message)
-        covariance = self.dropped.decoded("initialpose", decode.planar_covariance, message)
+        covariance = self.dropped.decoded(
+            "initialpose", lambda m: decode.planar_covariance(m, limits), message
+        )
         if pose is None or covariance is None:
             return
         x, y, z, _, _, yaw = se3.to_xyz_rpy(pose)
@@ -257,11 +268,9 @@ class Localizer:
     def take_long_term(self, message: Any) -> None:
         """Take a heightmap25d_msgs/HeightGrid in: the long-term map."""
         frame = self._params.mapping.map_frame
-        height_map = self.dropped.decoded(
-            "long_term_grid", lambda m: decode.height_map(m, frame), message
+        self.dropped.decoded(
+            "long_term_grid", lambda m: self.set_long_term(decode.height_map(m, frame)), message
         )
-        if height_map is not None:
-            self.set_long_term(height_map)
 
     def flush(self) -> list[Attempt]:
         """No more messages will come: use what is ready."""
@@ -304,7 +313,13 @@ class Localizer:
         for reading in readings:
             self.watch.observe_ranges(reading.scan, self._params.sensor.no_return, self.dropped)
             beams = reading.beams(self._params.sensor, self._params.mapper.lone_return)
-            attempt = self._tracker.integrate(beams, reading.T_map_base[-1], reading.scan.stamp_ns)
+            try:
+                attempt = self._tracker.integrate(
+                    beams, reading.T_map_base[-1], reading.scan.stamp_ns
+                )
+            except InputError as error:
+                self.dropped.record("scan: not enough memory to register", str(error))
+                continue
             if attempt is not None:
                 attempts.append(attempt)
         return attempts

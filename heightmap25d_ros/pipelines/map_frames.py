@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from heightmap25d_ros import se3
-from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.io import decode
 from heightmap25d_ros.io.decode import Odometry, Transform
 from heightmap25d_ros.params.sections import Params
@@ -39,7 +38,7 @@ class MapFrames:
         self._odom_frame = ""
         # Apart, since /tf may have other frames between odometry and base.
         self._odometry = TransformBuffer(max_gap=params.intake.odom_gap)
-        self._transforms = TransformBuffer(max_gap=params.intake.odom_gap)
+        self._transforms = TransformBuffer(max_gap=params.intake.odom_gap, dropped=dropped)
 
     def take_odometry(self, message: Any) -> bool:
         """Take a pose of the robot, see `robot_pose`; whether it is used."""
@@ -67,11 +66,7 @@ class MapFrames:
 
     def take_transforms(self, message: Any, *, is_static: bool) -> None:
         """Take a tf2_msgs/TFMessage of /tf or of /tf_static."""
-        transforms = self._dropped.decoded("transforms", decode.transforms, message)
-        try:
-            self._transforms.add(transforms or (), is_static=is_static)
-        except InputError as error:
-            self._dropped.record("transforms: closes a loop", str(error))
+        self._transforms.take(message, is_static=is_static)
 
     def robot(self) -> se3.Matrix | None:
         """Newest pose (4, 4) of the robot in the map; None before the first odometry."""

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from heightmap25d_ros import se3
+from heightmap25d_ros import memory, se3
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_grid import TILE, HeightGrid, anchor_at
 from heightmap25d_ros.grid.height_map import Area, Geometry, HeightMap
@@ -53,6 +53,7 @@ def compile_kernels(params: Params) -> None:
 
 
 _BYTES_OF_CELL = 4  # height and probability
+_BYTES_OF_MAPS = 16  # of a cell, with its occupancy and cost, and what is between
 
 
 class Size(NamedTuple):
@@ -215,24 +216,39 @@ class Mapping:
         """
         self._queue.begin_drive()
 
-    def maps(self) -> tuple[HeightMap, ObstacleMap]:
+    def maps(self, max_cells: float | None = None) -> tuple[HeightMap, ObstacleMap]:
         """Height map and converted map of all that was observed; of an unknown tile at first.
+
+        Where one wild pose has stretched it to more than ``mapping.max_cells``, what is far off and
+        small is left out, see `HeightGrid.main_area`.
+
+        Parameters
+        ----------
+        max_cells : float, optional
+            In place of ``mapping.max_cells``.
 
         Raises
         ------
         InputError
-            If that is more than ``mapping.max_cells``: one wild pose stretches the map so far.
+            If what is connected has more cells, or the memory for it is not available.
         """
         threshold = self._params.mapper.probability_threshold
-        area = self.grid.observed_area()
+        limit = self._params.mapping.max_cells if max_cells is None else max_cells
+        area = self.grid.main_area(limit)
+        is_cut = area != self.grid.observed_area()
         if not area.rows:
             area = Area(area.iy, area.ix, TILE, TILE)
-        limit = self._params.mapping.max_cells
         if area.rows * area.columns > limit:
             raise InputError(
                 f"the map has {area.columns} x {area.rows} cells, more than the {limit:.0f} of "
                 "parameter mapping.max_cells; clear it, or allow more"
             )
+        if is_cut:
+            self.dropped.notice(
+                "the map reaches farther than mapping.max_cells allows: what is far off and small "
+                "is neither published nor saved; ~/clear_map forgets it"
+            )
+        memory.require(area.rows * area.columns * _BYTES_OF_MAPS, "the map")
         self._obstacles.update(self.grid, threshold)
         return self.grid.read(threshold, area), self._obstacles.read(area)
 

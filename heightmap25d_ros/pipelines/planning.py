@@ -120,9 +120,11 @@ class Planning:
         params = self._params.planner
         if math.isfinite(tolerance) and tolerance > 0.0:
             params = replace(params, goal_tolerance=min(tolerance, 10.0))
-        planner = Planner(
-            self._planner_over(self._height_map).graph, self._params.traversability, params
-        )
+        try:
+            graph = self._planner_over(self._height_map).graph
+        except InputError as error:
+            return Plan(status=Status.UNKNOWN, reason=str(error))
+        planner = Planner(graph, self._params.traversability, params)
         return planner.plan(start, goal, is_robot_there=False)
 
     def answer(self, start: Any, goal: Any, tolerance: float) -> Plan:
@@ -196,20 +198,22 @@ class Planning:
         if mission is None or robot is None or height_map is None:
             return None
         plan = self._planned(mission.goal, robot, height_map)
-        if self._is_better(plan, mission.plan, robot, height_map):
+        if self._is_better(plan, mission.plan, robot):
             return self._replaced(mission.goal, robot, plan)
         if plan.cost_to_go is not None:  # the path stays; the best direction is that of this map
             kept = replace(mission.plan, graph=plan.graph, cost_to_go=plan.cost_to_go)
             self._mission = replace(mission, plan=kept)
         return None
 
-    def _is_better(self, plan: Plan, followed: Plan, robot: Pose2D, height_map: HeightMap) -> bool:
+    def _is_better(self, plan: Plan, followed: Plan, robot: Pose2D) -> bool:
         """Whether a plan over the newest map takes the place of the one that is followed."""
         if not followed.found:
             return plan.status is not followed.status
+        if self._planner is None:  # the map cannot be planned over any more
+            return True
         away = np.hypot(followed.poses[:, 0, 3] - robot.x, followed.poses[:, 1, 3] - robot.y)
         ahead = followed.poses[int(away.argmin()) :]
-        cost = self._planner_over(height_map).cost_along(ahead, robot)
+        cost = self._planner.cost_along(ahead, robot)
         if cost is None:
             return True
         share = 1.0 - self._params.planning.replan_gain

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.io import decode
 from heightmap25d_ros.io.decode import Odometry
 from heightmap25d_ros.params.sections import IntakeParams
@@ -52,19 +51,13 @@ class TransformPoses:
 
     def __init__(self, params: IntakeParams, dropped: Drops | None = None) -> None:
         self._frames = params.odom_frame, params.base_frame
-        self._dropped = Drops() if dropped is None else dropped
-        self._buffer = TransformBuffer(max_gap=params.odom_gap)
+        self._buffer = TransformBuffer(max_gap=params.odom_gap, dropped=dropped)
+        self._buffer.chain(*self._frames)  # asks for them
         self._waiting: deque[int] = deque(maxlen=_MOST_WAITING)
 
     def take(self, message: Any, *, is_static: bool) -> list[Odometry]:
         """Take a tf2_msgs/TFMessage; the poses that it completes, in order of time."""
-        transforms = self._dropped.decoded("transforms", decode.transforms, message)
-        if transforms is None:
-            return []
-        try:
-            self._buffer.add(transforms, is_static=is_static)
-        except InputError as error:
-            self._dropped.record("transforms: closes a loop", str(error))
+        transforms = self._buffer.take(message, is_static=is_static)
         chain = self._buffer.chain(*self._frames)
         stamps = {t.stamp_ns for t in transforms if t.child in chain and not is_static}
         if stamps and self._waiting and min(stamps) < max(self._waiting) - JUMP_BACK_NS:

@@ -10,7 +10,7 @@ node and the command line make the same map from the same bag.
 from __future__ import annotations
 
 from bisect import insort
-from collections.abc import Collection, Iterable
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heightmap25d_ros import se3
-from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.io import decode
 from heightmap25d_ros.io.decode import Odometry, Transform
 from heightmap25d_ros.mapping import sensor_model
@@ -128,7 +127,9 @@ class ScanQueue:
         self._wait_limit_ns = round(params.wait_limit * 1e9)
         history = params.wait_limit + HISTORY
         self._odometry = TransformBuffer(max_gap=params.odom_gap, history=history)
-        self._transforms = TransformBuffer(max_gap=params.odom_gap, history=history)
+        self._transforms = TransformBuffer(
+            max_gap=params.odom_gap, history=history, dropped=self.dropped
+        )
         self._fixed_mounts: dict[str, se3.Matrix] = {}
         if params.mounts:
             mounts = se3.from_xyz_rpy(np.reshape(params.mounts, (-1, 6)))
@@ -155,8 +156,8 @@ class ScanQueue:
 
     def take_transforms(self, message: Any, *, is_static: bool) -> list[Reading]:
         """Take a tf2_msgs/TFMessage of /tf or of /tf_static."""
-        transforms = self.dropped.decoded("transforms", decode.transforms, message)
-        return [] if transforms is None else self.add_transforms(transforms, is_static=is_static)
+        used = self._transforms.take(message, is_static=is_static)
+        return self._release() if used else []
 
     def set_correction(self, T_map_odom: se3.Matrix, stamp_ns: int = 0) -> None:
         """Pose (4, 4) of the odometry's frame of a stamp in the map, for scans released later."""
@@ -200,16 +201,6 @@ class ScanQueue:
             self.watch.observe_odometry(admitted)
             child = admitted.child_frame_id
             self._odometry.add([Transform(parent=frame, child=child, stamp_ns=stamp, T=admitted.T)])
-        return self._release()
-
-    def add_transforms(
-        self, transforms: Iterable[Transform], *, is_static: bool = False
-    ) -> list[Reading]:
-        """Add transforms of /tf or /tf_static."""
-        try:
-            self._transforms.add(transforms, is_static=is_static)
-        except InputError as error:
-            self.dropped.record("transforms: closes a loop", str(error))
         return self._release()
 
     def begin_drive(self) -> None:

@@ -9,16 +9,28 @@ pose, or the reason why there is none.
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
+from collections import deque
 from collections.abc import Iterable, Sequence
 from enum import Enum
 from functools import reduce
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.io import decode
 from heightmap25d_ros.io.decode import Transform
+from heightmap25d_ros.pipelines.drops import Drops
+
+DEEPEST = 100
+"""Frames above one another; what lies farther up is not looked at."""
+
+MOST_FRAMES = 1000
+"""Moving frames that nobody asked for, of which a little is kept; and static ones, in tens."""
+
+_KEPT = 64  # transforms of a frame that nobody has asked for
 
 JUMP_BACK_NS = 1_000_000_000
 """A stamp this far [ns] before the newest one means that time started over (a bag that loops)."""
@@ -79,18 +91,66 @@ class _Edge:
 class TransformBuffer:
     """The recent poses of all frames to one another.
 
+    Other machines and arms share /tf. Of moving frames that no lookup has led over, only the last
+    few messages are kept, unread; they are read when one does.
+
     Parameters
     ----------
     max_gap : float [s]
         Poses farther apart than this are not interpolated.
     history : float [s]
         How long poses are kept, seen from the newest one of their frame.
+    dropped : Drops, optional
+        Where to count what is malformed or closes a loop.
     """
 
-    def __init__(self, *, max_gap: float, history: float = 30.0) -> None:
+    def __init__(
+        self, *, max_gap: float, history: float = 30.0, dropped: Drops | None = None
+    ) -> None:
+        self._dropped = Drops() if dropped is None else dropped
         self._max_gap_ns = round(max_gap * 1e9)
         self._history_ns = round(history * 1e9)
         self._edges: dict[str, _Edge] = {}
+        self._missed: set[str] = set()  # frames that were asked for, and have no parent yet
+        self._unread: dict[str, deque[Any]] = {}
+
+    def take(self, message: Any, *, is_static: bool) -> list[Transform]:
+        """Take a tf2_msgs/TFMessage; what of it is used at once.
+
+        Parameters
+        ----------
+        message : tf2_msgs.msg.TFMessage
+        is_static : bool
+            Whether it is of /tf_static.
+        """
+        stamped = message.transforms
+        if not is_static:
+            stamped = [one for one in stamped if self._is_used(one)]
+        return self._decoded(stamped, is_static=is_static) if stamped else []
+
+    def _decoded(self, stamped: Iterable[Any], *, is_static: bool) -> list[Transform]:
+        transforms = self._dropped.decoded("transforms", decode.transforms, stamped) or []
+        try:
+            self.add(transforms, is_static=is_static)
+        except InputError as error:
+            fault = str(error).rpartition(": ")[2]
+            self._dropped.record(f"transforms: {fault}", str(error))
+        return transforms
+
+    def _is_used(self, stamped: Any) -> bool:
+        """Whether a transform is of a frame that is asked for; otherwise it is put aside."""
+        child = stamped.child_frame_id.lstrip("/")
+        if child in self._edges or child in self._missed:
+            return True
+        unread = self._unread.get(child)
+        if unread is None:
+            if len(child) > decode.LONGEST_FRAME:
+                return True  # is refused
+            if len(self._unread) >= MOST_FRAMES:
+                del self._unread[next(iter(self._unread))]
+            unread = self._unread[child] = deque(maxlen=_KEPT)
+        unread.append(stamped)
+        return False
 
     def add(self, transforms: Iterable[Transform], *, is_static: bool = False) -> None:
         """Take transforms in, in any order of stamps; of equal stamps the first one stays.
@@ -107,20 +167,34 @@ class TransformBuffer:
         Raises
         ------
         InputError
-            If a transform would close a loop; the others are taken.
+            If a transform would close a loop, or there are too many frames; the others are taken.
         """
-        loops = []
+        faults = []
         for transform in transforms:
-            edge = self._edges.get(transform.child)
+            child, edge = transform.child, self._edges.get(transform.child)
             if edge is None or edge.parent != transform.parent or is_static or edge.is_static:
-                if transform.child in self._upward(transform.parent):
-                    loops.append(transform)
+                fault = self._fault(transform)
+                if fault:
+                    faults.append(f"transform {transform.parent} -> {child}: {fault}")
                     continue
-                edge = _Edge(transform.parent, is_static=is_static)
-                self._edges[transform.child] = edge
+                edge = self._edges[child] = _Edge(transform.parent, is_static=is_static)
+                self._missed.discard(child)
+                self._unread.pop(child, None)
             edge.add(transform.stamp_ns, transform.T, self._history_ns)
-        if loops:
-            raise InputError(f"transform {loops[0].parent} -> {loops[0].child}: closes a loop")
+        if faults:
+            raise InputError(faults[0])
+
+    def _fault(self, transform: Transform) -> str:
+        """Why a frame cannot have a parent."""
+        frame = transform.parent
+        for _ in range(DEEPEST):
+            if frame == transform.child:
+                return "closes a loop"
+            if frame not in self._edges:
+                break
+            frame = self._edges[frame].parent
+        is_new = transform.child not in self._edges
+        return "too many frames" if is_new and len(self._edges) >= 10 * MOST_FRAMES else ""
 
     def forget_after(self, stamp_ns: int) -> None:
         """Forget the frames that move and reach beyond a stamp: time started over there."""
@@ -129,6 +203,7 @@ class TransformBuffer:
             for child, edge in self._edges.items()
             if edge.is_static or edge.stamps[-1] <= stamp_ns
         }
+        self._unread.clear()
 
     def clear(self) -> None:
         """Forget all frames."""
@@ -182,11 +257,22 @@ class TransformBuffer:
         return min((edge.stamps[-1] for edge in edges if not edge.is_static), default=None)
 
     def _upward(self, frame: str) -> list[str]:
-        """A frame, its parent, and so on to the root."""
+        """A frame, its parent, and so on to the root; their transforms are used from now on."""
         frames = [frame]
-        while frames[-1] in self._edges:
-            frames.append(self._edges[frames[-1]].parent)
+        while len(frames) <= DEEPEST:
+            edge = self._edges.get(frames[-1]) or self._read(frames[-1])
+            if edge is None:
+                break
+            frames.append(edge.parent)
         return frames
+
+    def _read(self, frame: str) -> _Edge | None:
+        """Read what was put aside of a frame; its transforms are used from now on."""
+        unread = self._unread.pop(frame, ())
+        if not unread and len(self._missed) < MOST_FRAMES:
+            self._missed.add(frame)
+        self._decoded(unread, is_static=False)
+        return self._edges.get(frame)
 
     def _down_to(
         self, frames: list[str], ancestor: str, stamps_ns: NDArray[np.int64]

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from heightmap25d_ros import memory
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, Area, Geometry, HeightMap
 from heightmap25d_ros.params.sections import PlannerParams, TraversabilityParams
@@ -24,6 +25,8 @@ from heightmap25d_ros.planning.transition_costs import Weights, incoming_costs, 
 from heightmap25d_ros.terrain.gap_filling import fill_gaps
 from heightmap25d_ros.terrain.steps import cropped
 from heightmap25d_ros.terrain.traversability import OCCUPIED, analyse_ground, to_obstacle_map
+
+_BYTES_OF_CELL = 64  # of the graph, and of what it is made of; measured: 54
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,9 +131,10 @@ def transition_graph(
     Raises
     ------
     InputError
-        If the robot's radius is more than 100 cells.
+        If the robot's radius is more than 100 cells, or the memory is not available.
     """
     resolution = height_map.geometry.resolution
+    memory.require(height_map.height.size * _BYTES_OF_CELL, "planning over this map")
     filled = fill_gaps(height_map, params.max_gap)
     ground = analyse_ground(filled, terrain)
     obstacles = to_obstacle_map(filled, terrain, ground)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from properties import draws
 
 from heightmap25d_ros.grid.height_grid import TILE, HeightGrid, TiledArray
 from heightmap25d_ros.grid.height_map import Area, Geometry, HeightMap
@@ -152,3 +153,65 @@ for k in range(100):
 print((resident() - before) / (100 * 160 * 160))
 """
     assert 4.0 <= float(run(program).stdout) <= 10.0  # bytes a cell; 4 + 2 for what write() touches
+
+
+def literal_main_area(tiles, most):
+    """The main area [tiles] of a set of tiles, one group after another."""
+    groups, left = [], set(tiles)
+    while left:
+        group, border = set(), {left.pop()}
+        while border:
+            group |= border
+            around = {(y + dy, x + dx) for y, x in border for dy in (-1, 0, 1) for dx in (-1, 0, 1)}
+            border = around & left
+            left -= border
+        groups.append(group)
+
+    def box(some):
+        return tuple(f(axis) for axis in zip(*some, strict=True) for f in (min, max))
+
+    def size(some):
+        low_y, high_y, low_x, high_x = box(some)
+        return (high_y - low_y + 1) * (high_x - low_x + 1)
+
+    def rank(some):
+        low_y, high_y, low_x, high_x = box(some)
+        return -len(some), round(np.hypot(low_y + high_y + 1, low_x + high_x + 1), 6)
+
+    groups.sort(key=rank)
+    if len({rank(group) for group in groups}) < len(groups):
+        return None  # either one is right
+    kept = set(groups[0])
+    for group in groups[1:]:
+        if size(kept | group) <= most:
+            kept |= group
+    return box(tiles) if size(tiles) <= most else box(kept)
+
+
+@draws(100)
+@given(
+    st.sets(st.tuples(st.integers(-9, 9), st.integers(-9, 9)), min_size=1, max_size=30),
+    st.integers(1, 100),
+)
+def test_the_main_area_is_what_is_connected_and_what_fits_to_it(tiles, most):
+    grid = HeightGrid(GridParams(resolution=1.0, extent=512.0))
+    for y, x in tiles:
+        spot = HeightMap.from_metres([[0.5]], resolution=1.0, origin=(TILE * x, TILE * y))
+        grid.write(spot)
+    area = grid.main_area(most * TILE**2)
+    assert area.within(grid.observed_area()) == area
+    x, y = grid.geometry.cell_corner((area.iy, area.ix)) / TILE
+    rows, columns = area.rows // TILE, area.columns // TILE
+    expected = literal_main_area(tiles, most)
+    if expected is not None:
+        assert (y, y + rows - 1, x, x + columns - 1) == expected
+
+
+def test_of_two_specks_the_one_at_the_anchor_stays():
+    for here, there in ((0.0, 100.0), (100.0, 0.0)):
+        grid = HeightGrid(GridParams(resolution=1.0, extent=512.0))
+        for x in (here, there):
+            grid.write(HeightMap.from_metres([[0.5]], resolution=1.0, origin=(x, 0.0)))
+        area = grid.main_area(TILE**2)
+        assert grid.geometry.cell_corner((area.iy, area.ix)).tolist() == [0.0, 0.0]
+        assert area.shape == (TILE, TILE)

@@ -3,6 +3,7 @@
 """Bags of every storage and compression, and bags that are damaged."""
 
 import shutil
+import sqlite3
 
 import numpy as np
 import pytest
@@ -305,3 +306,22 @@ def test_a_type_that_nobody_knows(tmp_path):
         )
         writer.write(connection, START, b"\x00\x01\x00\x00")
     assert "un_known/msg/Type" in error_of(tmp_path / "bag", topics=["/scan"])
+
+
+@pytest.mark.parametrize(
+    ("change", "left"),
+    [
+        ("data = 'DROP TABLE messages'", 20 - 3),
+        ("data = 12", 20 - 3),
+        ("timestamp = 'noon'", 20 - 3),
+        ("topic_id = 'scan'", 20 - 3),
+    ],
+)
+def test_a_database_that_holds_text_where_numbers_and_bytes_are(tmp_path, change, left):
+    path = write_bag(tmp_path / "bag", [e for e in small_drive() if e[0] == "/scan"])
+    with sqlite3.connect(path / "bag.db3") as database:
+        database.execute(f"UPDATE messages SET {change} WHERE id IN (2, 5, 9)")
+    database.close()
+    with Bag(path) as bag:
+        assert len(list(bag.events(["/scan"]))) == left
+        assert bag.warnings

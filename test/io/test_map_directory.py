@@ -241,10 +241,24 @@ def test_names_of_maps(tmp_path: Path) -> None:
     assert map_directory.map_path(root, "floor 1/room") == root / "floor 1" / "room"
     assert map_directory.map_path(root, "in/room") == root / "inner" / "room"
     for name in ("", ".", "..", "../maps", "a/../../b", "/etc", str(root / "room"), "out/room",
-                 "out", "a\0b", "\0", ".hidden", "a/.git"):  # fmt: skip
+                 "out", "a\0b", "\0", ".hidden", "a/.git", "a\nb", "a/\x1b[2J", "\ud800",
+                 "x" * 300 + "/", "x" * 300 + "/room", "a/" * 1900 + "b", "ä" * 101):  # fmt: skip
         with pytest.raises(InputError) as refusal:
             map_directory.map_path(root, name)
         assert "\n" not in str(refusal.value)
+
+
+def test_the_longest_name_can_be_saved(tmp_path: Path) -> None:
+    for name in ("x" * 200, "ä" * 100, "a/" * 99 + "bc"):
+        path = saved(map_directory.map_path(tmp_path, name))
+        assert map_directory.load(path).frame_id == "map"
+
+
+@draws(300, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.text(max_size=300) | st.text(alphabet="a/.\0\n", max_size=50))
+def test_any_name_is_inside_or_refused(tmp_path: Path, name: str) -> None:
+    with suppress(InputError):
+        assert tmp_path in map_directory.map_path(tmp_path, name).parents
 
 
 def rewritten(directory: Path, **changes: Any) -> None:
@@ -262,7 +276,7 @@ def rewritten(directory: Path, **changes: Any) -> None:
         ({"format_version": None}, "format_version is missing"),
         ({"format_version": 3}, "format_version is 3, neither 1 nor 2"),
         ({"format_version": 2}, "z_offset is missing"),
-        ({"format_version": 2, "z_offset": np.inf}, "z_offset is not finite"),
+        ({"format_version": 2, "z_offset": np.inf}, "not a place"),
         ({"format_version": np.array([1])}, "format_version is an array"),
         ({"height": np.zeros((2, 3), np.int32)}, "height is an array"),
         ({"height": np.zeros((2, 3, 1), np.int16)}, "height is an array"),
@@ -275,8 +289,17 @@ def rewritten(directory: Path, **changes: Any) -> None:
         ({"probability": np.ones((2, 3), np.uint16), "probability_scale": 2.0}, "outside of 0"),
         ({"probability": np.ones((2, 3), np.float64)}, "probability is an array"),
         ({"height_resolution": 0.02}, "height_resolution is not 0.01"),
-        ({"resolution": 0.0}, "resolution is not"),
-        ({"resolution": np.nan}, "resolution is not"),
+        ({"resolution": 0.0}, "resolution: 0 m is not within"),
+        ({"resolution": np.nan}, "resolution: nan m is not within"),
+        ({"resolution": 1e-9}, "resolution: 1e-09 m is not within"),
+        ({"origin": np.array([0.0, 1e18])}, "not a place"),
+        ({"origin": np.array([0.0, -1e300])}, "not a place"),
+        (
+            {"frame_id": np.array([0x7FFFFFFF], np.uint32).view("U1")[0:1].reshape(())},
+            "frame_id: is damaged",
+        ),
+        ({"frame_id": np.array("a\nb")}, "is not the name of a frame"),
+        ({"frame_id": np.array("m" * 101)}, "is not the name of a frame"),
         ({"origin": np.array([0.0, np.inf])}, "origin is not"),
         ({"origin": np.zeros(3)}, "origin is not"),
         ({"origin": np.zeros(1000)}, "origin is too long"),

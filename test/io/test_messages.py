@@ -24,6 +24,7 @@ from scipy.spatial.transform import Rotation
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_map import Geometry, HeightMap, stored_probability
 from heightmap25d_ros.io import decode, encode
+from heightmap25d_ros.planning.plan import Plan, Status
 
 NAN, INF = math.nan, math.inf
 HALF = math.sqrt(0.5)
@@ -201,7 +202,7 @@ def test_transforms_are_poses_of_children_in_parents(type_of):
         (6, "odom", "base_link", (1.0, 2.0, 3.0), (0.0, 0.0, HALF, HALF)),
         type_of=type_of,
     )
-    mount, drive = decode.transforms(message)
+    mount, drive = decode.transforms(message.transforms)
     assert (mount.parent, mount.child, mount.stamp_ns) == ("base_link", "laser", 5)
     assert (drive.parent, drive.child, drive.stamp_ns) == ("odom", "base_link", 6)
     laser_in_odom = drive.T @ mount.T @ (0.0, 0.0, 0.0, 1.0)
@@ -220,7 +221,7 @@ BAD = [
 
 @pytest.mark.parametrize("bad", BAD)
 def test_a_bad_transform_does_not_take_the_good_ones_away(type_of, bad):
-    read = decode.transforms(tf_message(bad, GOOD, bad, type_of=type_of))
+    read = decode.transforms(tf_message(bad, GOOD, bad, type_of=type_of).transforms)
     assert [transform.child for transform in read] == ["b"]
     np.testing.assert_array_equal(read[0].T[:3, 3], (1.0, 0.0, 0.0))
 
@@ -228,11 +229,11 @@ def test_a_bad_transform_does_not_take_the_good_ones_away(type_of, bad):
 @pytest.mark.parametrize("bad", BAD)
 def test_transforms_that_are_all_bad_are_refused(type_of, bad):
     with pytest.raises(InputError, match=r"transforms\[0\]|header\.stamp"):
-        decode.transforms(tf_message(bad, bad, type_of=type_of))
+        decode.transforms(tf_message(bad, bad, type_of=type_of).transforms)
 
 
 def test_no_transforms(type_of):
-    assert decode.transforms(tf_message(type_of=type_of)) == []
+    assert decode.transforms(tf_message(type_of=type_of).transforms) == []
 
 
 def a_map(probability, threshold=0.5, height=None, resolution=0.125):
@@ -380,3 +381,117 @@ def test_what_a_bag_gives_back_is_what_was_written():
     raw = STORE.serialize_cdr(message, message.__msgtype__)
     back = decode.scan(STORE.deserialize_cdr(raw, message.__msgtype__))
     assert back.ranges.tolist() == [1.0, INF, 2.5]
+
+
+def odd(value, place):
+    T = np.eye(4)
+    T[place] = value
+    return T
+
+
+@pytest.mark.parametrize("value", [NAN, INF, -INF])
+@pytest.mark.parametrize("place", [(0, 3), (2, 3), (0, 0), (1, 2)])
+def test_nothing_that_is_not_finite_becomes_a_message(value, place):
+    T, sure = odd(value, place), np.eye(3)
+    message = rclpy_type("geometry_msgs/msg/PoseWithCovarianceStamped")()
+    stamped = rclpy_type("geometry_msgs/msg/TransformStamped")()
+    path = rclpy_type("nav_msgs/msg/Path")()
+    poses = rclpy_type("geometry_msgs/msg/PoseArray")()
+    of_path = rclpy_type("geometry_msgs/msg/PoseStamped")
+    for fill in (
+        lambda: encode.fill_pose(message, T, sure, 0, "map"),
+        lambda: encode.fill_pose(message, np.eye(4), np.full((3, 3), value), 0, "map"),
+        lambda: encode.fill_transform(stamped, T, 0, "map", "odom"),
+        lambda: encode.fill_path(path, of_path, np.array([np.eye(4), T]), 0, "map"),
+        lambda: encode.fill_poses(poses, None, np.array([T]), 0, "map"),
+        lambda: encode.fill_twist(rclpy_type("geometry_msgs/msg/Twist")(), 0.1, value),
+        lambda: encode.fill_plan_status(None, Plan(status=Status.NONE, reason="", length=value)),
+    ):
+        with pytest.raises(ValueError, match="is not finite, and not published"):
+            fill()
+    assert message == type(message)()
+    assert path.poses == poses.poses == []
+
+
+def with_covariance(matrix):
+    message = rosbags_type("geometry_msgs/msg/PoseWithCovarianceStamped")(
+        header=header(0, "map"), pose=odometry(0).pose
+    )
+    whole = np.zeros((6, 6))
+    whole[np.ix_((0, 1, 5), (0, 1, 5))] = matrix
+    message.pose.covariance[:] = whole.reshape(-1)
+    return message
+
+
+LIMITS = 3.0, 3.0, 0.8
+
+
+@given(
+    arrays.arrays(np.float64, (3, 3), elements=st.floats(-1.0, 1.0)),
+    st.tuples(*[st.sampled_from([0.0, 1e-12, 0.1, 1.0, 99999.0, 1e16, 1e150])] * 3),
+)
+def test_covariances_are_bounded_and_keep_their_directions(root, scale):
+    matrix = np.outer(scale, scale) * (root @ root.T)
+    if not np.isfinite(matrix).all():
+        return
+    read = decode.planar_covariance(with_covariance(matrix), LIMITS)
+    assert np.isfinite(read).all()
+    assert np.linalg.eigvalsh(read)[0] > -1e-6
+    np.testing.assert_allclose(
+        np.sqrt(np.diag(read)), np.minimum(np.sqrt(np.diag(matrix)), LIMITS), rtol=1e-6
+    )
+    if (np.sqrt(np.diag(matrix)) < LIMITS).all():
+        np.testing.assert_allclose(read, matrix, rtol=1e-9, atol=1e-300)
+
+
+@pytest.mark.parametrize(
+    "matrix",
+    [
+        np.diag([1.0, -1.0, 1.0]), np.diag([NAN, 1.0, 1.0]), np.diag([1.0, 1.0, INF]),
+        [[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        [[0.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        [[1e16, 2e16, 0.0], [2e16, 1e16, 0.0], [0.0, 0.0, 1.0]],
+    ],
+)  # fmt: skip
+def test_what_is_no_covariance_is_refused(matrix):
+    with pytest.raises(InputError, match=r"pose\.covariance: .* is not a covariance"):
+        decode.planar_covariance(with_covariance(matrix), LIMITS)
+
+
+@pytest.mark.parametrize("name", ["x" * 101, "a\nb", "a\x1b[2J", "\ud800"])
+def test_names_of_frames_are_short_and_printable(name):
+    for decoded, message in (
+        (decode.scan, laser_scan(0, [1.0], frame_id=name)),
+        (decode.odometry, odometry(0, frame_id=name)),
+        (decode.odometry, odometry(0, child_frame_id=name)),
+        (decode.transforms, tf_message((0, name, "b", (0, 0, 0), (0, 0, 0, 1))).transforms),
+        (decode.transforms, tf_message((0, "a", name, (0, 0, 0), (0, 0, 0, 1))).transforms),
+    ):
+        with pytest.raises(InputError, match="is not the name of a frame") as refusal:
+            decoded(message)
+        assert len(str(refusal.value)) < 600
+
+
+def test_commands_and_paths_of_others_are_finite_and_not_endless():
+    def command(speed, turn):
+        return SimpleNamespace(linear=SimpleNamespace(x=speed), angular=SimpleNamespace(z=turn))
+
+    def path(*places):
+        positions = (SimpleNamespace(x=x, y=y) for x, y in places)
+        return SimpleNamespace(
+            poses=[SimpleNamespace(pose=SimpleNamespace(position=p)) for p in positions]
+        )
+
+    assert decode.twist(command(1, -0.5)) == (1.0, -0.5)
+    assert decode.path(path()).shape == (0, 2)
+    assert decode.path(path((0.0, 1.0), (2.0, 3.0))).tolist() == [[0.0, 1.0], [2.0, 3.0]]
+    for bad in (NAN, INF, -INF):
+        for decoded, message in (
+            (decode.twist, command(bad, 0.0)), (decode.twist, command(0.0, bad)),
+            (decode.path, path((0.0, bad))), (decode.path, path((0.0, 0.0), (bad, 0.0))),
+        ):  # fmt: skip
+            with pytest.raises(InputError):
+                decoded(message)
+    for far in (2e5, 1e9, 1e300):
+        with pytest.raises(InputError, match="poses: "):
+            decode.path(path((0.0, 0.0), (far, 0.0)))

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 
@@ -194,3 +195,25 @@ def test_a_signal_ends_a_node_that_is_just_beginning(node, kind):
     _, log = process.communicate(timeout=PATIENCE)
     client.close()
     assert process.returncode == 0, log
+
+
+def test_a_map_that_cannot_be_saved_where_it_should_is_saved_elsewhere_with_status_1(tmp_path):
+    (tmp_path / "file").write_text("where a directory should be")
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    client = Manager("mapping", "/unsaved")
+    client.subscribe("map", MAPS["map"])
+    process = start(
+        "nodes.mapping", "--ros-args", "-r", "__ns:=/unsaved", *MOUNT,
+        "-p", "mapping.autosave:=last", "-p", f"mapping.map_directory:={tmp_path / 'file'}",
+        stderr=subprocess.PIPE, env=os.environ | {"TMPDIR": str(elsewhere)},
+    )  # fmt: skip
+    client.drive(0)
+    client.wait(lambda: "map" in client.newest)
+    process.send_signal(signal.SIGINT)
+    _, log = process.communicate(timeout=PATIENCE)
+    client.close()
+    assert process.returncode == 1
+    (saved,) = elsewhere.glob("heightmap25d_*/map")
+    assert f"saved as {saved} instead" in log
+    assert map_directory.load(saved).height_map.known.any()

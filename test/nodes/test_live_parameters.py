@@ -60,7 +60,8 @@ def test_prefixes_of_live_parameters_name_parameters():
     names = [name for name in flatten(Params()) if is_live(name)]
     assert {"traversability.max_step", "planner.unknown", "planning.goal_reached",
             "mapping.publish_rate", "sensor.max_height"} <= set(names)  # fmt: skip
-    for fixed in ("grid.resolution", "mapper.update_rule", "intake.scan_topics", "autostart"):
+    for fixed in ("grid.resolution", "mapper.update_rule", "intake.scan_topics", "autostart",
+                  "mapping.map_directory", "localization.map_directory"):  # fmt: skip
         assert fixed not in names
 
 
@@ -166,3 +167,13 @@ def test_the_planner_takes_other_parameters_and_refuses_bad_ones():
         assert client.get("planning.goal_reached") == 0.5
         assert process.poll() is None
     client.close()
+
+
+def test_nobody_on_the_graph_moves_the_directory_of_maps_or_names_a_map_outside(stepped):
+    kept = stepped.call("mapping/get_parameters", GetParameters, names=["mapping.map_directory"])
+    assert not stepped.set_together(mapping__map_directory="/tmp").successful
+    again = stepped.call("mapping/get_parameters", GetParameters, names=["mapping.map_directory"])
+    assert again.values == kept.values
+    for name in ("../last", "/tmp/last", "a\nb", "x" * 201):
+        refused = stepped.set_together(mapping__autosave=name)
+        assert (refused.successful, "map name" in refused.reason) == (False, True)

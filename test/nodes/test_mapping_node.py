@@ -23,6 +23,7 @@ from tf2_msgs.msg import TFMessage
 
 from heightmap25d_msgs.srv import LoadMap, SaveMap
 from heightmap25d_ros import cli
+from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.io import map_directory
 from heightmap25d_ros.nodes.mapping import MappingNode
 from heightmap25d_ros.params.sections import Params
@@ -330,3 +331,26 @@ def test_far_from_zero_points_are_told_in_a_frame_nearby(tmp_path):
     assert x + offset.x == grid.info.origin.position.x + (ix + 0.5) * 0.125
     assert y + offset.y == grid.info.origin.position.y + (iy + 0.5) * 0.125
     assert z == pytest.approx(0.01 * grid.height[index], abs=1e-6)
+
+
+def test_no_name_and_no_map_file_ends_the_node(tmp_path):
+    """Names that no directory can have, and a frame of what is no character."""
+    client = Client("/names")
+    names = ["x" * 300 + "/", "x" * 300, "a/" * 1900 + "b", "a\nb", "\x1b[2J", "..", "", "ä" * 101]
+    map_directory.save(tmp_path / "foreign", HeightMap.from_metres(np.zeros((4, 4))))
+    path = tmp_path / "foreign" / "height_grid.npz"
+    with np.load(path) as archive:
+        fields = dict(archive) | {"frame_id": np.array([0x7FFFFFFF], np.uint32).view("U1")[0:1]}
+    fields["frame_id"] = fields["frame_id"].reshape(())
+    np.savez(path, **fields)
+    with mapping_node(tmp_path, *MOUNT, namespace="/names") as process:
+        for name in names:
+            for service, kind in (("save_map", SaveMap), ("load_map", LoadMap)):
+                answer = client.call(f"mapping/{service}", kind, name=name)
+                assert not answer.success
+                assert answer.message.startswith("map name ")
+        answer = client.call("mapping/load_map", LoadMap, name="foreign")
+        assert "frame_id: is damaged" in answer.message
+        assert process.poll() is None
+    client.close()
+    assert "Traceback" not in process.log

@@ -265,6 +265,23 @@ def test_a_bad_initial_pose_changes_nothing(message, reason):
     assert localizer.dropped[reason] == 1
 
 
+@pytest.mark.parametrize("variance", [1.0, 99999.0, 1e16, 1e300])
+@pytest.mark.parametrize("axis", [0, 5])
+def test_an_initial_pose_of_any_variance_leaves_a_finite_pose(start, room, variance, axis):
+    unsure = np.diag([0.25, 0.25, 0.0, 0.0, 0.0, 0.07])
+    unsure[axis, axis] = variance
+    localizer = Localizer(PARAMS)
+    localizer.set_long_term(room)
+    for index, event in enumerate(start[: len(start) // 4]):
+        if index == len(start) // 8:
+            localizer.take_initial_pose(initial_pose((1.0, 0.0, 0.0), 0.1, unsure))
+            assert np.sqrt(localizer.pose.covariance.diagonal()).max() <= 3.1
+        feed(localizer, event.topic, event.message)
+        if localizer.pose is not None:
+            assert np.isfinite(localizer.pose.T_map_base).all()
+            assert np.isfinite(localizer.pose.covariance).all()
+
+
 def test_the_height_at_an_initial_pose_is_the_maps(room):
     raised = dataclasses.replace(room, height=room.height + np.int16(150))
     localizer = Localizer(PARAMS)

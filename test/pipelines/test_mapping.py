@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from bag_writer import header, laser_scan, odometry, rosbags_type, tf_message
 
+from heightmap25d_ros import memory
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.params.by_name import with_values
 from heightmap25d_ros.params.sections import Params
@@ -50,9 +51,9 @@ def correction(frame_id, x, milliseconds=0):
     )
 
 
-def heights(mapping):
+def heights(mapping, max_cells=None):
     """{(x, y) of a known cell's corner [m]: height [cm]}."""
-    height_map, _ = mapping.maps()
+    height_map, _ = mapping.maps(max_cells)
     cells = np.argwhere(height_map.known)
     corners = height_map.geometry.cell_corner(cells)
     return {
@@ -98,7 +99,7 @@ def test_malformed_messages_are_counted_by_kind_and_field():
     m.take_odometry(odometry(START, (math.nan, 0.0, 0.0)))
     m.take_scan("scan", laser_scan(START, [2.0], angle_increment=math.nan))
     m.take_transforms(
-        tf_message((START, "base_link", "laser", (0.0, 0.0, 0.0), (0.0,) * 4)), is_static=False
+        tf_message((START, "base_link", "laser", (0.0, 0.0, 0.0), (0.0,) * 4)), is_static=True
     )
     assert m.dropped == {
         "odometry: bad pose.pose": 1,
@@ -129,17 +130,42 @@ def test_before_the_first_scan_the_map_is_one_unknown_tile():
     assert (obstacle_map.occupancy == -1).all()
 
 
-def test_a_map_stretched_by_a_wild_pose_is_refused_until_it_is_cleared():
-    m = mapping(**{"grid.extent": 2048.0, "mapping.max_cells": 1e5})
+def test_what_a_wild_pose_wrote_far_off_is_left_out_until_the_map_is_cleared():
+    m = mapping(**{"grid.extent": 4096.0, "mapping.max_cells": 1e5})
     m.take_odometry(pose(0))
     m.take_scan("scan", scan(0, 2.05))
+    m.settle()
+    near = heights(m)
+    assert near
     m.take_odometry(pose(60_000, x=1000.0))
     m.take_scan("scan", scan(60_000, 2.05))
     m.settle()
-    with pytest.raises(InputError, match=r"mapping\.max_cells"):
-        m.maps()
+    assert heights(m) == near
+    height_map, obstacle_map = m.maps()
+    assert height_map.geometry == obstacle_map.geometry == m.layers(height_map.geometry).geometry
+    assert height_map.height.size <= 1e5
+    (notice,) = m.dropped.notices
+    assert "mapping.max_cells" in notice
+    assert len(heights(m, max_cells=math.inf)) > len(near)
     m.clear()
     assert heights(m) == {}
+
+
+def test_a_map_that_is_all_connected_is_refused_where_it_is_too_large():
+    m = mapping(**{"mapping.max_cells": 256})
+    m.take_odometry(pose(0))
+    m.take_scan("scan", scan(0, *[2.05] * 12))
+    m.settle()
+    with pytest.raises(InputError, match=r"mapping\.max_cells"):
+        m.maps()
+    assert heights(m, max_cells=math.inf)
+
+
+def test_memory_for_a_map_is_estimated_before_it_is_taken(monkeypatch):
+    m = mapping()
+    monkeypatch.setattr(memory, "available_bytes", lambda: 1000)
+    with pytest.raises(InputError, match="the map needs about"):
+        m.maps()
 
 
 def test_the_stamp_follows_a_clock_that_jumped_back():

@@ -13,6 +13,7 @@ from planner_worlds import World, random_place
 from repository import BAGS
 
 from heightmap25d_msgs.msg import HeightGrid
+from heightmap25d_ros import memory
 from heightmap25d_ros.io import encode
 from heightmap25d_ros.io.bag import Bag
 from heightmap25d_ros.params.by_name import with_values
@@ -590,3 +591,39 @@ def test_a_robot_that_leaves_a_wall_along_its_path_gets_no_other_one():
     elsewhere = wall(NEAR)
     elsewhere[5:10, 5:10] = 90
     assert p.take_map(grid(elsewhere)) is None
+
+
+def test_maps_of_other_cells_than_robots_have_are_refused():
+    for resolution in (0.001, 0.009, 11.0, math.nan, math.inf, 0.0, -0.125, 1e-9):
+        p = planning(FLAT)
+        message = grid(FLAT)
+        message.info.resolution = np.float32(resolution)
+        assert p.take_map(message) is None
+        assert p.dropped == {"map: bad info.resolution": 1}
+        assert_plans(p)  # over the one before
+    for origin in ((1e18, 0.0), (0.0, -1e300), (math.nan, 0.0)):
+        p = planning(FLAT)
+        assert p.take_map(grid(FLAT, origin=origin)) is None
+        assert p.dropped.total() == 1
+        assert_plans(p)
+
+
+def test_a_robot_too_large_for_the_cells_gets_a_reason_from_every_question():
+    p = planning(FLAT)
+    assert_plans(p)
+    fine = grid(FLAT)
+    fine.info.resolution = np.float32(0.01)
+    large = with_values(Params(), {"traversability.robot_radius": 5.0})
+    assert p.set_params(large) is None  # 40 cells of this map
+    assert_refused(p.take_map(fine), Status.UNKNOWN, "robot_radius: 5 m is more than 100 cells")
+    ends = pose_stamped(0.2, 0.2), pose_stamped(0.4, 0.4)
+    assert_refused(p.answer(*ends, 0.0), Status.UNKNOWN, "robot_radius")
+    assert_refused(p.take_goal(ends[1]), Status.UNKNOWN, "robot_radius")
+
+
+def test_memory_is_estimated_before_it_is_taken(monkeypatch):
+    p = planning(FLAT)
+    monkeypatch.setattr(memory, "available_bytes", lambda: FLAT.size * 50)
+    assert_refused(p.take_goal(pose_stamped(*EAST)), Status.UNKNOWN, "planning over this map needs")
+    monkeypatch.undo()
+    assert_plans(p)

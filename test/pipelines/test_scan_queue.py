@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bag_writer import tf_message
 from hypothesis import given
 from hypothesis import strategies as st
 from properties import draws
@@ -57,6 +58,13 @@ def mount(seconds=0.0, frame="laser", xyz_rpy=(0.3, 0.0, 0.4, 0.0, 0.0, 0.0), pa
     return Transform(parent=parent, child=frame, stamp_ns=ns(seconds), T=se3.from_xyz_rpy(xyz_rpy))
 
 
+def add_transforms(queue, transforms, is_static=False):
+    message = tf_message(
+        *((t.stamp_ns, t.parent, t.child, t.T[:3, 3], se3.to_quaternion(t.T)) for t in transforms)
+    )
+    return queue.take_transforms(message, is_static=is_static)
+
+
 def intake_of(topics=("scan",), with_mounts=True, **params):
     mounts = (0.3, 0.0, 0.4, 0.0, 0.0, 0.0) * len(topics) if with_mounts else ()
     return ScanQueue(IntakeParams(scan_topics=topics, mounts=mounts, **params))
@@ -88,7 +96,7 @@ def test_a_nodding_mount_is_taken_at_each_beams_own_time():
     queue = intake_of(with_mounts=False)
     for seconds in (0.0, 0.2, 0.4):
         queue.add_odometry(pose(seconds))
-        queue.add_transforms([mount(seconds, xyz_rpy=(0, 0, 1, 0, 0.5 * seconds, 0))])
+        add_transforms(queue, [mount(seconds, xyz_rpy=(0, 0, 1, 0, 0.5 * seconds, 0))])
     (reading,) = queue.add_scan("scan", scan(0.05, beams=4, time_increment=0.1))
     times = 0.05 + 0.1 * np.arange(4)
     expected = [(0, 0, 1, 0, 0.5 * t, 0) for t in times]
@@ -153,8 +161,8 @@ def test_a_scan_waits_for_its_mount():
     queue.add_odometry(pose(0.0))
     queue.add_odometry(pose(0.2))
     assert queue.add_scan("scan", scan(0.1)) == []
-    assert queue.add_transforms([mount(frame="other")]) == []
-    assert stamps(queue.add_transforms([mount()], is_static=True)) == [0.1]
+    assert add_transforms(queue, [mount(frame="other")]) == []
+    assert stamps(add_transforms(queue, [mount()], is_static=True)) == [0.1]
 
 
 def test_scans_leave_in_the_order_of_their_stamps_and_topics():
@@ -251,13 +259,13 @@ def test_scans_in_a_gap_of_the_odometry():
 def test_scans_without_mount_are_dropped_until_it_comes():
     queue = intake_of(with_mounts=False, wait_limit=0.3)
     reason = "scan: without its mount"
-    queue.add_transforms([mount(frame="laser", parent="elsewhere")], is_static=True)
+    add_transforms(queue, [mount(frame="laser", parent="elsewhere")], is_static=True)
     for step in range(11):
         queue.add_odometry(pose(0.1 * step))
         assert queue.add_scan("scan", scan(0.1 * step)) == []
     # Once waited for in vain, a mount is not waited for again.
     assert queue.dropped == {reason: 11}
-    queue.add_transforms([mount(frame="laser")], is_static=True)
+    add_transforms(queue, [mount(frame="laser")], is_static=True)
     queue.add_odometry(pose(1.1))
     assert stamps(queue.add_scan("scan", scan(1.1))) == [1.1]
     assert queue.dropped == {reason: 11}
@@ -265,7 +273,7 @@ def test_scans_without_mount_are_dropped_until_it_comes():
 
 def test_a_laser_without_mount_does_not_hold_another_one_up():
     queue = intake_of(topics=("a", "b"), with_mounts=False, wait_limit=0.3)
-    queue.add_transforms([mount(frame="laser")], is_static=True)
+    add_transforms(queue, [mount(frame="laser")], is_static=True)
     released, latest = [], []
     for step in range(21):
         seconds = 0.1 * step
@@ -283,7 +291,7 @@ def test_scans_before_a_moving_mount_and_in_a_gap_of_it():
     for step in range(11):
         queue.add_odometry(pose(0.1 * step))
     for seconds in (0.2, 0.9):
-        queue.add_transforms([mount(seconds)])
+        add_transforms(queue, [mount(seconds)])
     for seconds in (0.1, 0.3):
         assert queue.add_scan("scan", scan(seconds)) == []
     assert queue.dropped == {
@@ -344,7 +352,7 @@ def test_odometry_of_the_robot_in_itself():
 
 def test_transforms_that_close_a_loop():
     queue = intake_of(with_mounts=False)
-    queue.add_transforms([mount(), mount(frame="base_link", parent="laser")], is_static=True)
+    add_transforms(queue, [mount(), mount(frame="base_link", parent="laser")], is_static=True)
     queue.add_odometry(pose(0.0))
     assert stamps(queue.add_scan("scan", scan(0.0))) == [0.0]
     assert queue.dropped == {"transforms: closes a loop": 1}
@@ -379,7 +387,7 @@ def test_a_bag_that_loops():
     for _ in range(3):
         for step in range(41):
             seconds = 0.1 * step
-            queue.add_transforms([mount(seconds, xyz_rpy=(0, 0, 1, 0, 0.5 * seconds, 0))])
+            add_transforms(queue, [mount(seconds, xyz_rpy=(0, 0, 1, 0, 0.5 * seconds, 0))])
             released += queue.add_odometry(pose(seconds))
             released += queue.add_scan("scan", scan(seconds))
     assert stamps(released) == 3 * list(np.round(0.1 * np.arange(41), 6))
@@ -390,7 +398,7 @@ def test_after_a_jump_back_nothing_of_before_is_used():
     queue = intake_of(with_mounts=False)
     for seconds in (10.0, 10.1, 10.2):
         queue.add_odometry(pose(seconds))
-        queue.add_transforms([mount(seconds)])
+        add_transforms(queue, [mount(seconds)])
     queue.add_scan("scan", scan(10.25))
     # The new run's odometry comes before its transforms; what is still known of the mount is
     # of another run, even at the same stamp.
@@ -398,7 +406,7 @@ def test_after_a_jump_back_nothing_of_before_is_used():
     assert queue.dropped == {"poses: clock jumped back": 1, "scan: clock jumped back": 1}
     assert queue.add_scan("scan", scan(5.0)) == []
     moved = mount(5.0, xyz_rpy=(9.0, 0, 0, 0, 0, 0))
-    (reading,) = queue.add_transforms([moved])
+    (reading,) = add_transforms(queue, [moved])
     assert reading.T_base_sensor[0, 0, 3] == 9.0
 
 
@@ -502,13 +510,13 @@ def expected_run():
 
 def run(events):
     queue = intake_of(topics=("a", "b"), with_mounts=False)
-    queue.add_transforms([mount(frame="laser")], is_static=True)
+    add_transforms(queue, [mount(frame="laser")], is_static=True)
     released = []
     for topic, _, content in events:
         if topic == "odom":
             released += queue.add_odometry(content)
         elif topic == "tf":
-            released += queue.add_transforms([content])
+            released += add_transforms(queue, [content])
         else:
             released += queue.add_scan(topic, content)
     return released + queue.flush(), queue.dropped
@@ -564,9 +572,8 @@ def test_every_scan_of_the_real_recordings_is_used(name, scans):
             elif event.topic == "/odom":
                 released += queue.add_odometry(decode.odometry(event.message))
             else:
-                released += queue.add_transforms(
-                    decode.transforms(event.message), is_static=event.topic == "/tf_static"
-                )
+                is_static = event.topic == "/tf_static"
+                released += queue.take_transforms(event.message, is_static=is_static)
     released += queue.flush()
     assert len(released) == scans
     assert not queue.dropped

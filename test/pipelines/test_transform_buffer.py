@@ -6,13 +6,16 @@ import math
 
 import numpy as np
 import pytest
+from bag_writer import tf_message
 from hypothesis import given
 from hypothesis import strategies as st
+from properties import draws
 from scipy.spatial.transform import Rotation, Slerp
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.io.decode import Transform
+from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.transform_buffer import Missing, TransformBuffer
 
 SECOND = 10**9
@@ -272,3 +275,105 @@ def test_lookup_equals_the_literal_reference(tree, target, source, hundredths, m
     else:
         assert not isinstance(got, Missing)
         np.testing.assert_allclose(np.broadcast_to(got, (len(stamps), 4, 4)), expected, atol=1e-8)
+
+
+def message(parent, child, seconds=0.0, x=0.0):
+    return tf_message((at(seconds)[0].item(), parent, child, (x, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)))
+
+
+def test_foreign_frames_are_put_aside_and_read_when_they_are_asked_for():
+    dropped = Drops()
+    buffer = TransformBuffer(max_gap=1.0, dropped=dropped)
+    assert buffer.lookup("base", "laser", at(0.0)) is Missing.UNCONNECTED
+    for step in range(10):
+        assert not buffer.take(message("arm", "tool", 0.1 * step, step), is_static=False)
+        assert buffer.take(message("base", "laser", 0.1 * step, step), is_static=False)
+        assert not buffer.take(message("base", "arm", 0.1 * step, step), is_static=False)
+    assert buffer.lookup("base", "laser", at(0.45))[0, 0, 3] == pytest.approx(4.5)
+    assert buffer.lookup("base", "tool", at(0.45))[0, 0, 3] == pytest.approx(9.0)
+    assert buffer.take(message("arm", "tool", 1.0, 10.0), is_static=False)
+    assert buffer.take(message("base", "arm", 1.0, 10.0), is_static=False)
+    assert buffer.lookup("base", "tool", at(1.0))[0, 0, 3] == pytest.approx(20.0)
+    assert not dropped
+
+
+@draws(100)
+@given(trees(), st.sampled_from(FRAMES), st.sampled_from(FRAMES), st.booleans(), st.randoms())
+def test_whatever_comes_first_a_lookup_says_the_same(tree, target, source, is_asked, random):
+    """Messages that were put aside, in any order, and transforms that were used at once."""
+    sent = [
+        Transform(parent=parent, child=child, stamp_ns=stamp, T=T)
+        for child, (parent, knots) in tree.items()
+        for stamp, T in knots.items()
+    ]
+    sent.sort(key=lambda t: t.stamp_ns + random.randint(0, SECOND // 2))
+    at_once, dropped = buffer_of(*sent, max_gap=5.0), Drops()
+    put_aside = TransformBuffer(max_gap=5.0, dropped=dropped)
+    if is_asked:
+        put_aside.lookup(target, source, at(0.0))
+    for t in sent:
+        entry = t.stamp_ns, t.parent, t.child, t.T[:3, 3], se3.to_quaternion(t.T)
+        put_aside.take(tf_message(entry), is_static=False)
+    for stamp in (EPOCH, EPOCH + SECOND, EPOCH + 3 * SECOND):
+        expected = at_once.lookup(target, source, np.array([stamp]))
+        got = put_aside.lookup(target, source, np.array([stamp]))
+        if isinstance(expected, Missing):
+            assert got is expected
+        else:
+            np.testing.assert_allclose(got, expected, atol=1e-12)
+    assert not dropped
+
+
+def test_malformed_transforms_are_counted_when_they_are_read():
+    dropped = Drops()
+    buffer = TransformBuffer(max_gap=1.0, dropped=dropped)
+    buffer.lookup("base", "laser", at(0.0))
+    bad = math.nan
+    assert not buffer.take(message("base", "laser", 0.0, bad), is_static=False)
+    assert dropped == {"transforms: bad transforms": 1}
+    assert not buffer.take(message("base", "arm", 0.0, bad), is_static=False)
+    assert dropped.total() == 1
+    assert buffer.lookup("base", "arm", at(0.0)) is Missing.UNCONNECTED
+    assert dropped == {"transforms: bad transforms": 2}
+
+
+@pytest.mark.parametrize("is_static", [False, True])
+@pytest.mark.parametrize("is_backwards", [False, True])
+def test_a_chain_of_many_frames_is_followed_only_so_far(is_static, is_backwards):
+    """Work grows with the chain, not with its square, which took 8 s for 12,000 frames."""
+    dropped = Drops()
+    buffer = TransformBuffer(max_gap=1.0, dropped=dropped)
+    frames = list(range(9000))
+    for frame in reversed(frames) if is_backwards else frames:
+        buffer.take(message(f"f{frame}", f"f{frame + 1}"), is_static=is_static)
+    last = 500 if is_backwards else 9000  # of moving strangers the newest are kept
+    assert not isinstance(buffer.lookup(f"f{last - 90}", f"f{last}", at(0.0)), Missing)
+    assert len(buffer.chain(f"f{last - 90}", f"f{last}")) == 90
+    assert buffer.lookup(f"f{last - 110}", f"f{last}", at(0.0)) is Missing.UNCONNECTED
+    assert not dropped
+
+
+def test_frames_of_strangers_do_not_fill_the_memory():
+    dropped = Drops()
+    buffer = TransformBuffer(max_gap=1.0, dropped=dropped)
+    for number in range(30_000):
+        buffer.take(message("base", f"stranger {number}"), is_static=False)
+        buffer.lookup("base", f"unheard {number}", at(0.0))
+    for number in range(12_000):
+        buffer.take(message("base", f"static {number}"), is_static=True)
+    assert dropped == {"transforms: too many frames": 2000}
+    kept = [
+        not isinstance(buffer.lookup("base", f"stranger {number}", at(0.0)), Missing)
+        for number in range(28_000, 30_000)
+    ]
+    assert sum(kept) == 0  # there are as many frames as there may be
+
+
+def test_a_loop_among_frames_that_were_put_aside():
+    dropped = Drops()
+    buffer = TransformBuffer(max_gap=1.0, dropped=dropped)
+    for parent, child in (("a", "b"), ("b", "c"), ("c", "a")):
+        buffer.take(message(parent, child), is_static=False)
+    assert buffer.lookup("a", "other", at(0.0)) is Missing.UNCONNECTED
+    assert len(buffer.chain("c", "a")) <= 2
+    assert dropped == {"transforms: closes a loop": 1}
