@@ -137,14 +137,6 @@ def bounds(seen: Turned, nodes: NDArray[np.int32], ground: Ground, limit: float)
     return found * HEIGHT_RESOLUTION
 
 
-def children_of(nodes: NDArray[np.int32], shape: tuple[int, ...]) -> NDArray[np.int32]:
-    """The quarters (K', 4) of nodes (K, 4) that begin inside a map of a shape."""
-    half = 1 << (nodes[0, 1] - 1) if len(nodes) else 0
-    quarters = np.array([(0, -1, half * y, half * x) for y in (0, 1) for x in (0, 1)], np.int32)
-    children = (nodes[:, None] + quarters).reshape(-1, 4)
-    return children[(children[:, 2] < shape[0]) & (children[:, 3] < shape[1])]
-
-
 class Descent:
     """Divides roots until all leaves within a limit are found, in pieces of some nodes.
 
