@@ -164,6 +164,7 @@ class GlobalSearch:
         self._ground_z = _ground_under(points)
         z_range = _Z_RANGE if self._ground_z is None else params.z_range
         self._cost = Cost(params.clip, params.unknown, z_range)
+        self._nodes = 0
         self._work = self._run()
 
     @property
@@ -196,9 +197,13 @@ class GlobalSearch:
             return
         self._scale = scale_of(self._points, self._surface)
         yaws = int(np.ceil(2 * np.pi / (_YAW_STEP * self._scale[2])))
-        self._yaws = np.arange(yaws) * (2 * np.pi / yaws)
+        self._yaws: Array = np.arange(yaws, dtype=np.float64) * (2 * np.pi / yaws)
         if self._memory() > self._params.search_memory * 1e6:
             yield _of(rejected(Reason.TOO_LARGE, count))
+            return
+        roots = np.concatenate([self._roots(yaw) for yaw in range(yaws)])
+        if not len(roots):
+            yield _of(rejected(Reason.LITTLE_OVERLAP, count))
             return
         self._few = self._points.some(search_points(self._points, _POINTS))
         self._seen: Turned = branch_and_bound.turned(
@@ -208,38 +213,46 @@ class GlobalSearch:
             self._surface.pyramid, self._cost, is_z_known=self._ground_z is not None
         )
         yield None
-        roots = np.concatenate([self._roots(yaw) for yaw in range(yaws)])
-        if not len(roots):
-            yield _of(rejected(Reason.LITTLE_OVERLAP, count))
+        yield from self._find(roots)
+        if self._nodes > self._params.search_nodes:
+            yield _of(rejected(Reason.UNFINISHED, count), nodes=self._nodes)
             return
-        nodes, limit = 0, _BEGIN * self._worst
-        while True:
-            descent = Descent(self._seen, roots, self._ground, self._within(), _LEAVES)
-            while not descent.is_done:
-                descent.divide(limit, _PIECE)
-                yield None
-                if nodes + descent.nodes > self._params.search_nodes:
-                    yield _of(rejected(Reason.UNFINISHED, count), nodes=nodes + descent.nodes)
-                    return
-                if descent.is_full:
-                    best = self._best_of(descent.leaves)
-                    limit = limit if best is None else min(limit, self._limit(best))
-                    descent.keep(limit)
-                    yield None
-                    if len(descent.leaves) > _LEAVES // 2:
-                        break
-            nodes += descent.nodes
-            best = self._best_of(descent.leaves)
-            yield None
-            needed = self._worst if best is None else self._limit(best)
-            if needed <= limit or not descent.is_done:
-                break
-            limit = min(needed, 2 * limit)
         candidates = []
-        for start in self._minima(descent.leaves):
+        for start in self._minima(self._descent.leaves):
             candidates.append(self._refined(start, self._few, _COARSE))
             yield None
-        yield self._judged(candidates, nodes, is_complete=descent.is_done)
+        yield self._judged(candidates)
+
+    def _find(self, roots: NDArray[np.int32]) -> Iterator[None]:
+        """Find all leaves that can be as good as the best one, with limits that rise.
+
+        The best place is soon found with a low limit, and tells the one that is needed.
+        """
+        limit = _BEGIN * self._worst
+        while True:
+            self._descent = Descent(self._seen, roots, self._ground, self._within(), _LEAVES)
+            yield from self._divide(limit)
+            best = self._best_of(self._descent.leaves)
+            yield None
+            needed = self._worst if best is None else self._limit(best)
+            if needed <= limit or not self._descent.is_done:
+                break
+            limit = min(needed, 2 * limit)
+
+    def _divide(self, limit: float) -> Iterator[None]:
+        """Find all leaves within a limit; not done if they are too many, or the budget is spent."""
+        descent, before = self._descent, self._nodes
+        while not descent.is_done and self._nodes <= self._params.search_nodes:
+            descent.divide(limit, _PIECE)
+            self._nodes = before + descent.nodes
+            yield None
+            if descent.is_full:
+                best = self._best_of(descent.leaves)
+                limit = limit if best is None else min(limit, self._limit(best))
+                descent.keep(limit)
+                yield None
+                if len(descent.leaves) > _LEAVES // 2:
+                    break
 
     @property
     def _worst(self) -> float:
@@ -248,7 +261,7 @@ class GlobalSearch:
 
     def _memory(self) -> int:
         """Estimate [bytes] of what the search takes."""
-        rows, columns = self._surface.heights.shape
+        rows, columns = (int(side) for side in self._surface.heights.shape)
         roots = len(self._yaws) * -(-rows // ROOT) * -(-columns // ROOT)
         return height_pyramid.memory_of((rows + 2 * BORDER, columns + 2 * BORDER)) + 60 * roots
 
@@ -294,7 +307,7 @@ class GlobalSearch:
         """The best hypotheses (B, 4) in leaves (K, 4) that are not adjacent to one another."""
         hypotheses = self._hypotheses(leaves)
         scores = matching.scores_at(self._few, hypotheses, self._surface, self._cost)
-        found = []
+        found: list[Array] = []
         waiting = np.argsort(scores, kind="stable")
         while len(waiting) and len(found) < _MINIMA:
             best = waiting[0]
@@ -327,13 +340,11 @@ class GlobalSearch:
         found = matching.match(lifted, offset, self._surface, self._cost)
         return Candidate(offset, float(start[3] + found.z), found.score, found.known)
 
-    def _judged(
-        self, candidates: list[Candidate], nodes: int, *, is_complete: bool
-    ) -> SearchResult:
+    def _judged(self, candidates: list[Candidate]) -> SearchResult:
         """The best of the refined poses, and why it is accepted or rejected."""
         count, params = len(self._points.xyz), self._params
         if not candidates:
-            return _of(rejected(Reason.HIGH_RESIDUAL, count), nodes=nodes)
+            return _of(rejected(Reason.HIGH_RESIDUAL, count), nodes=self._nodes)
         some = self._points.some(search_points(self._points, params.search_points))
         limit = self._limit(min(candidates, key=self._cautious)) + params.search_margin
         coarse = [c for c in _distinct(candidates, self._scale) if c.score <= limit]
@@ -352,13 +363,13 @@ class GlobalSearch:
             reason = Reason.LITTLE_OVERLAP
         elif found.residual > params.max_residual:
             reason = Reason.HIGH_RESIDUAL
-        elif len(as_good) > 1 or not is_complete:
+        elif len(as_good) > 1 or not self._descent.is_done:
             reason = Reason.AMBIGUOUS
         return SearchResult(
             reason=reason, offset=best.offset, z=best.z + found.z, information=np.zeros((3, 3)),
             overlap=found.known, residual=found.residual,
             ratio=best.score / fine[1].score if len(fine) > 1 else 0.0, points=count,
-            candidates=as_good, nodes=nodes,
+            candidates=as_good, nodes=self._nodes,
         )  # fmt: skip
 
 
@@ -369,7 +380,7 @@ def _of(registration: Registration, nodes: int = 0) -> SearchResult:
 
 
 def _ground_under(points: RegistrationPoints) -> float | None:
-    """z [m] of the ground under the robot, as its own points tell; None if they do not."""
+    """Height [m] of the ground under the robot, by its own points; None if they do not tell it."""
     distance = np.hypot(*points.xyz[:, :2].T)
     near = np.flatnonzero(~points.is_edge & (distance < _AROUND))
     near = near[np.argsort(distance[near], kind="stable")[:_OF_GROUND]]

@@ -29,7 +29,7 @@ KNOWN, EDGE, NEAR_KNOWN, BEYOND = 1, 2, 4, 8
 NOTHING = 32000
 """Lowest height [cm] of a window without known cells; their highest one is its negative."""
 
-_PAD = 2 ** (LEVELS - 1) + 2  # [cells] of the widest window, before the first cell
+_PAD: int = 2 ** (LEVELS - 1) + 2  # [cells] of the widest window, before the first cell
 _GROUND_GAP = 4.0  # [cells] to known ground, over which the robot can stand
 _WHOLE = 0.01  # [cm] within which a height is one of whole centimetres, as maps store them
 _BYTES = 60  # of a cell: six a level and the work while it is made
@@ -64,9 +64,10 @@ class HeightPyramid:
         return np.where(low == NOTHING, np.nan, self.base + HEIGHT_RESOLUTION * low)
 
 
-def memory_of(shape: tuple[int, ...]) -> int:
+def memory_of(shape: tuple[int, int]) -> int:
     """Memory [bytes] that the pyramid of a map of a shape, with its border, takes to be made."""
-    return _BYTES * (shape[0] + 2 * _PAD) * (shape[1] + 2 * _PAD)
+    rows, columns = shape
+    return _BYTES * (rows + 2 * _PAD) * (columns + 2 * _PAD)
 
 
 def pyramid_of(

@@ -217,7 +217,9 @@ def test_a_full_search_stops_and_drops_what_is_above_a_lower_limit():
     heights = np.zeros((20, 30), np.float32)
     heights[:, 15:] = 0.12
     over = Surface(heights, edges(heights, 0.15), (0.0, 0.0), CELL)
-    xyz = np.column_stack([np.linspace(-2, 2, 9), np.zeros(9), np.where(np.arange(9) < 5, 0.3, 0.5)])
+    xyz = np.column_stack(
+        [np.linspace(-2, 2, 9), np.zeros(9), np.where(np.arange(9) < 5, 0.3, 0.5)]
+    )
     points = RegistrationPoints(xyz, np.zeros(9, bool), np.ones(9))
     seen, ground = prepared(over, points)
     descent = Descent(seen, roots_of(over), ground, EVERYWHERE, 100)
