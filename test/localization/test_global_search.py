@@ -92,7 +92,9 @@ def test_what_noise_explains_does_not_tell_two_places_apart():
     lacking = np.delete(place, 30 + np.abs(place[30:, 0] - 4.0).argmin(), axis=0)
     over = long_term(lacking, rng)
     sharp = dataclasses.replace(PARAMS, search_margin=0.0, max_search_ratio=1.0)
-    best, second = relocalize(seen, over, dataclasses.replace(sharp, search_margin=0.1)).candidates[:2]
+    best, second = relocalize(seen, over, dataclasses.replace(sharp, search_margin=0.1)).candidates[
+        :2
+    ]
     gap = second.score - best.score
     assert gap > 0.0
     for margin, expected in ((0.5 * gap, Reason.ACCEPTED), (1.5 * gap, Reason.AMBIGUOUS)):
