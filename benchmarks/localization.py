@@ -10,6 +10,7 @@ maps; the robot is up to 0.9 m and 9 degrees off. Beside ours:
 - brute force: all hypotheses of that window in steps of a quarter of a cell and a quarter of a
   degree, with all cells, by vectorised numpy and by our own kernel. Both are timed on a part of
   their hypotheses and counted up.
+- the search of the whole map, and what every hypothesis of it would take in steps of whole cells.
 - small_gicp's ICP and GICP of the same cells as points, on one thread, from the same start.
 """
 
@@ -22,8 +23,9 @@ import numpy as np
 import small_gicp
 
 from heightmap25d_ros.localization import matching
+from heightmap25d_ros.localization.global_search import relocalize
 from heightmap25d_ros.localization.matching import Cost, RegistrationPoints
-from heightmap25d_ros.localization.registration import register
+from heightmap25d_ros.localization.registration import register, scale_of, search_points
 from heightmap25d_ros.localization.surface import Surface, edges
 from heightmap25d_ros.params.sections import RegistrationParams
 
@@ -58,10 +60,16 @@ def measure() -> dict[str, float]:
         if seed < TIMED:
             times.setdefault("numpy", []).append(_numpy_seconds(seen, surface))
             times.setdefault("kernel", []).append(_kernel_seconds(seen, surface))
+            relocalize(seen, surface, PARAMS)  # the pyramid is made
+            began = time.perf_counter()
+            relocalize(seen, surface, PARAMS)
+            times.setdefault("whole map", []).append(time.perf_counter() - began)
+            times.setdefault("whole map, all", []).append(_all_seconds(seen, surface))
     middle = {name: 1e3 * statistics.median(values) for name, values in times.items()}
     figures = {f"{name} [ms]": milliseconds for name, milliseconds in middle.items()}
     for name in ("numpy", "kernel", "ICP", "GICP"):
         figures[f"{name} / ours"] = middle[name] / middle["ours"]
+    figures["whole map, all / whole map"] = middle["whole map, all"] / middle["whole map"]
     for name, found in errors.items():
         distance = np.hypot(*np.array(found).T[:2])
         yaw = np.degrees(np.abs(np.array(found)[:, 2]))
@@ -144,6 +152,16 @@ def _kernel_seconds(points: RegistrationPoints, surface: Surface) -> float:
     began = time.perf_counter()
     matching.search(points, matching.Window(steps, steps, yaws), surface, COST)
     return (time.perf_counter() - began) / SAMPLE_KERNEL * _hypotheses()
+
+
+def _all_seconds(points: RegistrationPoints, surface: Surface) -> float:
+    """The score of 150 points at every cell, in the yaw steps of the search; one row is timed."""
+    few = points.some(search_points(points, 150))
+    yaws = np.arange(0.0, 2 * np.pi, 3.0 * scale_of(points, surface)[2])
+    window = matching.Window(np.arange(-SIDE // 2, SIDE // 2), np.zeros(1, np.int64), yaws)
+    began = time.perf_counter()
+    matching.search(few, window, surface, COST)
+    return (time.perf_counter() - began) * SIDE
 
 
 def _icp(points: RegistrationPoints, surface: Surface, kind: str) -> np.ndarray:

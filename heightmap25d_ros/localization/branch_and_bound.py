@@ -37,7 +37,7 @@ from heightmap25d_ros.localization.matching import Cost, RegistrationPoints
 SLACK = 0.1
 """Largest difference [m] between the ground of the map and that under the robot."""
 
-ROOT = 2 ** (LEVELS - 1)
+ROOT: int = 2 ** (LEVELS - 1)
 """Side [cells] of the squares with which a search begins."""
 
 _EDGES = 16  # to be added to the flags of a window for an edge
@@ -121,7 +121,9 @@ def ground_of(pyramid: HeightPyramid, cost: Cost, *, is_z_known: bool) -> Ground
 
 
 def bounds(seen: Turned, nodes: NDArray[np.int32], ground: Ground, limit: float) -> Array:
-    """Bounds (K,) [m] of nodes, exact up to the limit and above it otherwise.
+    """Bounds (K,) [m] of nodes: where a pose scores at most the limit, the bound is at most it.
+
+    A bound above the limit is not summed to its end.
 
     Parameters
     ----------
@@ -133,14 +135,6 @@ def bounds(seen: Turned, nodes: NDArray[np.int32], ground: Ground, limit: float)
     found = np.empty(len(nodes))
     _bounds(*seen, nodes, ground, limit / HEIGHT_RESOLUTION, found)
     return found * HEIGHT_RESOLUTION
-
-
-def children_of(nodes: NDArray[np.int32], shape: tuple[int, ...]) -> NDArray[np.int32]:
-    """The quarters (K', 4) of nodes (K, 4) that begin inside a map of a shape."""
-    half = 1 << (nodes[0, 1] - 1) if len(nodes) else 0
-    quarters = np.array([(0, -1, half * y, half * x) for y in (0, 1) for x in (0, 1)], np.int32)
-    children = (nodes[:, None] + quarters).reshape(-1, 4)
-    return children[(children[:, 2] < shape[0]) & (children[:, 3] < shape[1])]
 
 
 class Descent:
@@ -161,8 +155,6 @@ class Descent:
     ----------
     nodes : int
         Number of bounds so far.
-    is_done, is_full : bool
-        Whether all roots are divided; whether there is no room for another leaf.
     """
 
     def __init__(
@@ -186,10 +178,12 @@ class Descent:
 
     @property
     def is_done(self) -> bool:
+        """Whether all roots are divided."""
         return self._root == len(self._roots) and self._waiting == 0
 
     @property
     def is_full(self) -> bool:
+        """Whether there is no room for four more leaves."""
         return self._found > len(self._leaves) - 4
 
     def divide(self, limit: float, nodes: int) -> None:
@@ -240,7 +234,7 @@ def _sum(  # noqa: PLR0913
             index = np.uint32(windows[level, iy, ix, 2] + kind[i])
             above = np.float32(windows[level, iy, ix, 0]) - (heights[i] + high)
             below = (heights[i] + low) - np.float32(windows[level, iy, ix, 1])
-            cost = min(max(max(above, below), np.float32(0.0)), caps[index])
+            cost = min(max(above, below, np.float32(0.0)), caps[index])
             uncounted += weight[i] * is_uncounted[index]
         else:
             cost = limit
@@ -256,7 +250,7 @@ def _bound(  # noqa: PLR0913
     rows, columns, heights, kind, weight, node, ground, limit, caps, is_uncounted,
 ):  # fmt: skip
     """Bound of a node; infinite where the robot cannot stand."""
-    windows, levels, pad, slack, clip, unknown = ground
+    windows, levels, pad, slack, _, unknown = ground
     w, level, y, x = node
     low, high, slices = -NOTHING, NOTHING, 1
     if slack < np.inf:
@@ -274,8 +268,8 @@ def _bound(  # noqa: PLR0913
             least,
             _sum(
                 rows, columns, heights, kind, weight, windows, w, level, y + pad, x + pad,
-                bottom + np.float32(k) * part, bottom + np.float32(k + 1) * part, caps, is_uncounted,
-                np.float32(limit), excess,
+                bottom + np.float32(k) * part, bottom + np.float32(k + 1) * part, caps,
+                is_uncounted, np.float32(limit), excess,
             ),
         )  # fmt: skip
     return least

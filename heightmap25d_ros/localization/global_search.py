@@ -31,25 +31,25 @@ from heightmap25d_ros.localization.registration import (
     scale_of,
     search_points,
 )
-from heightmap25d_ros.localization.surface import Surface
+from heightmap25d_ros.localization.surface import BORDER, Surface
 from heightmap25d_ros.params.sections import RegistrationParams
 
 _POINTS = 150  # that the search uses
 _YAW_STEP = 3.0  # of the search, in multiples of the yaw that moves the points by a cell
-_BEAM = 300  # nodes of each level on the way to a first guess
-_FIRST = 3  # guesses that are refined
+_BEGIN = 0.2  # of the worst score, with which the search begins
+_FIRST = 3  # leaves that are refined to see how good the best place is
 _PIECE = 20_000  # bounds between two looks at the clock
 _LEAVES = 32_768  # of a search at most
 _MINIMA = 32  # that are refined
 _APART = 3, 2  # [cells, steps of yaw] between two of these
-_COARSE, _FINE = (1.0, 1 / 2, 1 / 4), (1 / 4, 1 / 8)  # [cells] of the refinement
+_COARSE, _FINE = (1.0, 1 / 2, 1 / 4), (1.0, 1 / 2, 1 / 4, 1 / 8)  # [cells] of the refinement
 _FINAL = 8  # that are refined with more points
 _DISTINCT = 3.0  # [cells] between two distinct poses
 _Z_RANGE = 3.0  # [m] where the ground under the robot was not seen
 _AROUND, _OF_GROUND = 4.0, 30  # [m] from the robot, and number of points, that tell its ground
 _LEAST_GROUND = 5
 _UNSEEN = 0.3  # of the clip: mean cost of points at a wrong place
-_MOST = 0.5  # of the cost of an unknown cell: no worse place is looked for
+_WORST = 0.5  # of the cost of an unknown cell: no worse place is looked for
 
 
 class Prior(NamedTuple):
@@ -167,6 +167,7 @@ class GlobalSearch:
         self._ground_z = _ground_under(points)
         z_range = _Z_RANGE if self._ground_z is None else params.z_range
         self._cost = Cost(params.clip, params.unknown, z_range)
+        self._nodes = 0
         self._work = self._run()
 
     @property
@@ -199,9 +200,13 @@ class GlobalSearch:
             return
         self._scale = scale_of(self._points, self._surface)
         yaws = int(np.ceil(2 * np.pi / (_YAW_STEP * self._scale[2])))
-        self._yaws = np.arange(yaws) * (2 * np.pi / yaws)
+        self._yaws: Array = np.arange(yaws, dtype=np.float64) * (2 * np.pi / yaws)
         if self._memory() > self._params.search_memory * 1e6:
             yield _of(rejected(Reason.TOO_LARGE, count))
+            return
+        roots = np.concatenate([self._roots(yaw) for yaw in range(yaws)])
+        if not len(roots):
+            yield _of(rejected(Reason.LITTLE_OVERLAP, count))
             return
         self._few = self._points.some(search_points(self._points, _POINTS))
         self._seen: Turned = branch_and_bound.turned(
@@ -211,49 +216,57 @@ class GlobalSearch:
             self._surface.pyramid, self._cost, is_z_known=self._ground_z is not None
         )
         yield None
-        roots, order = [], []
-        for yaw in range(yaws):
-            nodes = self._roots(yaw)
-            bounds = branch_and_bound.bounds(self._seen, nodes, self._ground, self._unknown)
-            is_possible = np.isfinite(bounds)
-            roots.append(nodes[is_possible])
-            order.append(bounds[is_possible])
-            yield None
-        nodes = np.concatenate(roots)
-        if not len(nodes):
-            yield _of(rejected(Reason.LITTLE_OVERLAP, count))
+        yield from self._find(roots)
+        if self._nodes > self._params.search_nodes:
+            yield _of(rejected(Reason.UNFINISHED, count), nodes=self._nodes)
             return
-        nodes = nodes[np.argsort(np.concatenate(order), kind="stable")]
-        limit = self._limit(self._first_guess(nodes))
-        yield None
-        descent = Descent(self._seen, nodes, self._ground, self._within(), _LEAVES)
-        while not descent.is_done:
+        candidates = []
+        for start in self._minima(self._descent.leaves):
+            candidates.append(self._refined(start, self._few, _COARSE))
+            yield None
+        yield self._judged(candidates)
+
+    def _find(self, roots: NDArray[np.int32]) -> Iterator[None]:
+        """Find all leaves that can be as good as the best one, with limits that rise.
+
+        The best place is soon found with a low limit, and tells the one that is needed.
+        """
+        limit = _BEGIN * self._worst
+        while True:
+            self._descent = Descent(self._seen, roots, self._ground, self._within(), _LEAVES)
+            yield from self._divide(limit)
+            best = self._best_of(self._descent.leaves)
+            yield None
+            needed = self._worst if best is None else self._limit(best)
+            if needed <= limit or not self._descent.is_done:
+                break
+            limit = min(needed, 2 * limit)
+
+    def _divide(self, limit: float) -> Iterator[None]:
+        """Find all leaves within a limit; not done if they are too many, or the budget is spent."""
+        descent, before = self._descent, self._nodes
+        while not descent.is_done and self._nodes <= self._params.search_nodes:
             descent.divide(limit, _PIECE)
+            self._nodes = before + descent.nodes
             yield None
             if descent.is_full:
-                limit = min(limit, self._limit(self._best_of(descent.leaves)))
+                best = self._best_of(descent.leaves)
+                limit = limit if best is None else min(limit, self._limit(best))
                 descent.keep(limit)
                 yield None
                 if len(descent.leaves) > _LEAVES // 2:
                     break
-            if descent.nodes > self._params.search_nodes:
-                yield _of(rejected(Reason.UNFINISHED, count), nodes=descent.nodes)
-                return
-        candidates = []
-        for start in self._minima(descent.leaves):
-            candidates.append(self._refined(start, self._few, _COARSE))
-            yield None
-        yield self._judged(candidates, descent)
 
     @property
-    def _unknown(self) -> float:
-        return self._params.unknown * self._params.clip
+    def _worst(self) -> float:
+        """Score [m] up to which places are looked for at most."""
+        return _WORST * self._params.unknown * self._params.clip
 
     def _memory(self) -> int:
         """Estimate [bytes] of what the search takes."""
-        rows, columns = self._surface.heights.shape
+        rows, columns = (int(side) for side in self._surface.heights.shape)
         roots = len(self._yaws) * -(-rows // ROOT) * -(-columns // ROOT)
-        return height_pyramid.memory_of((rows, columns)) + 60 * roots
+        return height_pyramid.memory_of((rows + 2 * BORDER, columns + 2 * BORDER)) + 60 * roots
 
     def _within(self) -> tuple[float, float, float]:
         """The circle of the prior: row, column, radius [cells]."""
@@ -276,22 +289,12 @@ class GlobalSearch:
             yaw * same, (LEVELS - 1) * same, rows.ravel(), columns.ravel()
         ]).astype(np.int32)  # fmt: skip
 
-    def _first_guess(self, nodes: NDArray[np.int32]) -> Candidate:
-        """The best of some places: the best nodes of each level lead to them."""
-        shape = self._surface.heights.shape
-        nodes = nodes[:_BEAM]
-        while nodes[0, 1] > 0:
-            nodes = branch_and_bound.children_of(nodes, shape)
-            bounds = branch_and_bound.bounds(self._seen, nodes, self._ground, self._unknown)
-            nodes = nodes[np.argsort(bounds, kind="stable")[:_BEAM]]
-        return self._best_of(nodes)
-
-    def _best_of(self, leaves: NDArray[np.int32]) -> Candidate:
-        """The best pose that the most promising leaves lead to."""
+    def _best_of(self, leaves: NDArray[np.int32]) -> Candidate | None:
+        """The best pose that the most promising leaves lead to; None without leaves."""
         found = [
             self._refined(start, self._few, _COARSE) for start in self._minima(leaves)[:_FIRST]
         ]
-        return min(found, key=self._cautious)
+        return min(found, key=self._cautious, default=None)
 
     def _cautious(self, candidate: Candidate) -> float:
         """The score that a pose would have if what the map does not know there were not as seen."""
@@ -301,13 +304,13 @@ class GlobalSearch:
         """Score up to which places are as good as a pose."""
         score = self._cautious(candidate)
         as_good = max(score / self._params.max_search_ratio, score + self._params.search_margin)
-        return min(as_good, _MOST * self._unknown)
+        return min(as_good, self._worst)
 
     def _minima(self, leaves: NDArray[np.int32]) -> Array:
         """The best hypotheses (B, 4) in leaves (K, 4) that are not adjacent to one another."""
         hypotheses = self._hypotheses(leaves)
         scores = matching.scores_at(self._few, hypotheses, self._surface, self._cost)
-        found = []
+        found: list[Array] = []
         waiting = np.argsort(scores, kind="stable")
         while len(waiting) and len(found) < _MINIMA:
             best = waiting[0]
@@ -340,13 +343,14 @@ class GlobalSearch:
         found = matching.match(lifted, offset, self._surface, self._cost)
         return Candidate(offset, float(start[3] + found.z), found.score, found.known)
 
-    def _judged(self, candidates: list[Candidate], descent: Descent) -> SearchResult:
+    def _judged(self, candidates: list[Candidate]) -> SearchResult:
         """The best of the refined poses, and why it is accepted or rejected."""
         count, params = len(self._points.xyz), self._params
         if not candidates:
-            return _of(rejected(Reason.HIGH_RESIDUAL, count), nodes=descent.nodes)
+            return _of(rejected(Reason.HIGH_RESIDUAL, count), nodes=self._nodes)
         some = self._points.some(search_points(self._points, params.search_points))
-        coarse = _distinct(candidates, self._scale)
+        limit = self._limit(min(candidates, key=self._cautious)) + params.search_margin
+        coarse = [c for c in _distinct(candidates, self._scale) if c.score <= limit]
         fine = _distinct(
             [self._refined(np.append(c.offset, c.z), some, _FINE) for c in coarse[:_FINAL]],
             self._scale,
@@ -356,19 +360,20 @@ class GlobalSearch:
         as_good = (best, *(c for c in fine[1:] if c.score <= self._limit(best)))
         lifted = self._points._replace(xyz=self._points.xyz + (0.0, 0.0, best.z))
         found = matching.match(lifted, best.offset, self._surface, self._cost)
+        is_complete = self._descent.is_done and len(coarse) <= _FINAL
         reason = Reason.ACCEPTED
         # Without a prior a robot that sees beyond the map could be at any of its borders.
         if found.known < params.min_overlap:
             reason = Reason.LITTLE_OVERLAP
         elif found.residual > params.max_residual:
             reason = Reason.HIGH_RESIDUAL
-        elif len(as_good) > 1 or not descent.is_done:
+        elif len(as_good) > 1 or not self._descent.is_done:
             reason = Reason.AMBIGUOUS
         return SearchResult(
             reason=reason, offset=best.offset, z=best.z + found.z, information=np.zeros((3, 3)),
             overlap=found.known, residual=found.residual,
             ratio=best.score / fine[1].score if len(fine) > 1 else 0.0, points=count,
-            candidates=as_good, is_complete=descent.is_done, nodes=descent.nodes,
+            candidates=as_good, is_complete=is_complete, nodes=self._nodes,
         )  # fmt: skip
 
 
@@ -379,7 +384,7 @@ def _of(registration: Registration, nodes: int = 0) -> SearchResult:
 
 
 def _ground_under(points: RegistrationPoints) -> float | None:
-    """Z [m] of the ground under the robot, as its own points tell; None if they do not."""
+    """Height [m] of the ground under the robot, by its own points; None if they do not tell it."""
     distance = np.hypot(*points.xyz[:, :2].T)
     near = np.flatnonzero(~points.is_edge & (distance < _AROUND))
     near = near[np.argsort(distance[near], kind="stable")[:_OF_GROUND]]

@@ -29,8 +29,9 @@ KNOWN, EDGE, NEAR_KNOWN, BEYOND = 1, 2, 4, 8
 NOTHING = 32000
 """Lowest height [cm] of a window without known cells; their highest one is its negative."""
 
-_PAD = 2 ** (LEVELS - 1) + 2  # [cells] of the widest window, before the first cell
+_PAD: int = 2 ** (LEVELS - 1) + 2  # [cells] of the widest window, before the first cell
 _GROUND_GAP = 4.0  # [cells] to known ground, over which the robot can stand
+_WHOLE = 0.01  # [cm] within which a height is one of whole centimetres, as maps store them
 _BYTES = 60  # of a cell: six a level and the work while it is made
 
 
@@ -47,7 +48,7 @@ class HeightPyramid:
         For each level lowest and highest ground [cm] above ``base`` within blocks of 2^l cells, of
         the map without a border: the nearest known cell that is no edge, at most four cells away.
         `NOTHING` where there is none.
-    base : float [m]
+    base : float [m], whole
     pad : int [cells]
         From the first cell of ``windows`` to that of the map.
     """
@@ -64,8 +65,9 @@ class HeightPyramid:
 
 
 def memory_of(shape: tuple[int, int]) -> int:
-    """Memory [bytes] that the pyramid of a map of a shape takes while it is made."""
-    return _BYTES * (shape[0] + 2 * _PAD) * (shape[1] + 2 * _PAD)
+    """Memory [bytes] that the pyramid of a map of a shape, with its border, takes to be made."""
+    rows, columns = shape
+    return _BYTES * (rows + 2 * _PAD) * (columns + 2 * _PAD)
 
 
 def pyramid_of(
@@ -84,10 +86,10 @@ def pyramid_of(
         Of unknown cells around the map.
     """
     is_known = ~np.isnan(heights)
-    base = float(np.median(heights[is_known])) if is_known.any() else 0.0
+    base = float(np.rint(np.median(heights[is_known]))) if is_known.any() else 0.0
     centimetres = np.where(is_known, (heights - base) / HEIGHT_RESOLUTION, 0.0)
-    low = np.where(is_known, np.floor(centimetres), NOTHING).astype(np.int16)
-    high = np.where(is_known, np.ceil(centimetres), -NOTHING).astype(np.int16)
+    low = np.where(is_known, np.floor(centimetres + _WHOLE), NOTHING).astype(np.int16)
+    high = np.where(is_known, np.ceil(centimetres - _WHOLE), -NOTHING).astype(np.int16)
     flags = np.where(
         is_known, np.where(is_edge, KNOWN | EDGE, KNOWN), np.where(counts, NEAR_KNOWN, BEYOND)
     )

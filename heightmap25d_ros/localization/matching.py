@@ -157,7 +157,7 @@ def scores_at(
     surface: Surface,
     cost: Cost,
 ) -> NDArray[np.float64]:
-    """Scores (K,) [m] of hypotheses as of `match`, each with an error of z of its own to begin with.
+    """Scores (K,) [m] of hypotheses, as of `match`.
 
     Parameters
     ----------

@@ -102,17 +102,3 @@ def edges(heights: NDArray[np.float32], step: float) -> NDArray[np.bool_]:
         is_edge |= before & after
     is_edge &= ~np.isnan(heights)
     return is_edge
-
-
-def coarser(surface: Surface) -> Surface:
-    """The surface at half the resolution: the highest of four cells; an edge if one of them is."""
-    rows, columns = (-(-side // 2) * 2 for side in surface.heights.shape)
-    grow = ((0, rows - surface.heights.shape[0]), (0, columns - surface.heights.shape[1]))
-    blocks = (rows // 2, 2, columns // 2, 2)
-    heights = np.pad(surface.heights, grow, constant_values=np.nan).reshape(blocks)
-    return Surface(
-        np.fmax.reduce(np.fmax.reduce(heights, axis=3), axis=1),
-        np.asarray(np.pad(surface.is_edge, grow).reshape(blocks).any(axis=(1, 3))),
-        surface.origin,
-        2 * surface.resolution,
-    )

@@ -235,6 +235,10 @@ class Tracker:
                 return attempt
         if self._search is not None:
             return self._go_on_searching(self._search, stamp_ns)
+        return self._use_short_term_map(distance, stamp_ns)
+
+    def _use_short_term_map(self, distance: float, stamp_ns: int) -> Attempt | None:
+        """Register, search or confirm with the oldest short-term map, if that is due."""
         if self.surface is None or not (self._is_registration_due() or self._is_search_due()):
             return None
         short_term_map = self._short_term.mature()

@@ -18,7 +18,7 @@ from heightmap25d_ros.localization.matching import (
     match,
     search,
 )
-from heightmap25d_ros.localization.surface import Surface, coarser, edges
+from heightmap25d_ros.localization.surface import Surface, edges
 
 NAN = math.nan
 COST = Cost(clip=0.3, unknown=1.0, z_range=1.0)
@@ -205,11 +205,3 @@ def test_descent_ends_where_waves_lie_on_themselves():
     steps = np.outer((1, 1 / 2, 1 / 4, 1 / 8, 1 / 16), (0.125, 0.125, 0.06))
     found = descend(some, np.zeros(3), steps, waves, COST)
     assert found == pytest.approx((-0.31, 0.17, 0.0), abs=0.02)
-
-
-def test_half_the_resolution_keeps_the_highest():
-    heights = np.array([[0.1, NAN, NAN], [0.3, 0.2, NAN], [0.5, 0.5, NAN]])
-    half = coarser(surface(heights))
-    assert half.resolution == 1.0
-    np.testing.assert_allclose(half.heights, [[0.3, NAN], [0.5, NAN]], rtol=1e-6)
-    assert half.is_edge.tolist() == [[True, False], [True, False]]

@@ -8,60 +8,15 @@ import dataclasses
 
 import numpy as np
 import pytest
+from box_places import CELL, boxes, long_term, short_term
 
-from heightmap25d_ros.localization.global_search import relocalize
 from heightmap25d_ros.localization.matching import RegistrationPoints
 from heightmap25d_ros.localization.paper_registration import register_by_paper
 from heightmap25d_ros.localization.registration import Reason, register, search_points
-from heightmap25d_ros.localization.surface import Surface, edges
 from heightmap25d_ros.params.sections import RegistrationParams
 
 PARAMS = RegistrationParams()
-CELL = 0.125
-SIDE = 128
 WIDE = np.diag([0.3**2, 0.3**2, 0.06**2])
-
-
-def boxes(rng: np.random.Generator, count: int = 40):
-    """x, y, half sizes, yaw, height [m] of boxes about the middle of 16 m x 16 m."""
-    return np.column_stack([
-        rng.uniform(-7, 7, (count, 2)), rng.uniform(0.15, 0.6, (count, 2)),
-        rng.uniform(0, np.pi, count), rng.uniform(0.2, 1.0, count),
-    ])  # fmt: skip
-
-
-def height(place, x, y):
-    """Height [m] of the place at points: the highest box, else the floor."""
-    top = np.zeros(np.broadcast(x, y).shape)
-    for bx, by, half_x, half_y, yaw, tall in place:
-        u = np.cos(yaw) * (x - bx) + np.sin(yaw) * (y - by)
-        v = -np.sin(yaw) * (x - bx) + np.cos(yaw) * (y - by)
-        top = np.where((np.abs(u) < half_x) & (np.abs(v) < half_y), np.maximum(top, tall), top)
-    return top
-
-
-def long_term(place, rng, noise=0.0) -> Surface:
-    """The highest of 4 x 4 points of each cell, as a map holds it."""
-    fine = (np.arange(4 * SIDE) + 0.5) * CELL / 4 - SIDE * CELL / 2
-    top = height(place, fine[None, :], fine[:, None]).reshape(SIDE, 4, SIDE, 4).max(axis=(1, 3))
-    top = (top + rng.normal(0.0, 1.0, top.shape) * noise).astype(np.float32)
-    return Surface(top, edges(top, 0.15), (-SIDE * CELL / 2,) * 2, CELL)
-
-
-def short_term(place, rng, pose, noise=0.025, reach=4.0) -> RegistrationPoints:
-    """What is around a pose (x, y, yaw), seen from there: one point in each cell of its own."""
-    x, y, yaw = pose
-    axis = np.arange(-reach, reach, CELL) + CELL / 2
-    u, v = (grid.ravel() for grid in np.meshgrid(axis, axis))
-    top = height(
-        place, x + np.cos(yaw) * u - np.sin(yaw) * v, y + np.sin(yaw) * u + np.cos(yaw) * v
-    )
-    heights = top.reshape(len(axis), -1).astype(np.float32)
-    return RegistrationPoints(
-        np.column_stack([u, v, top + rng.normal(0.0, noise, len(top))]),
-        edges(heights, 0.15).ravel(),
-        np.ones(len(top)),
-    )
 
 
 @pytest.mark.slow
@@ -163,28 +118,6 @@ def test_paper_method_comes_within_a_cell():
     found = register_by_paper(seen, long_term(place, rng), WIDE)
     assert np.linalg.norm(found.offset[:2] - truth[:2]) < CELL
     assert abs(np.degrees(found.offset[2])) < 1.0
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_the_whole_map_is_searched(seed):
-    rng = np.random.default_rng(seed)
-    place = boxes(rng, 60)
-    truth = np.append(rng.uniform(-3.5, 3.5, 2), rng.uniform(-np.pi, np.pi))
-    found = relocalize(short_term(place, rng, truth), long_term(place, rng), PARAMS)
-    assert found.is_accepted, found
-    assert found.offset[:2] == pytest.approx(truth[:2], abs=0.06)
-    turn = np.angle(np.exp(1j * (found.offset[2] - truth[2])))
-    assert abs(turn) < np.radians(1.0)
-
-
-def test_a_place_that_is_there_twice_is_not_unique():
-    rng = np.random.default_rng(8)
-    half = boxes(rng, 30)
-    half[:, 0] = rng.uniform(-7.5, -0.5, 30)
-    twice = np.concatenate([half, half + (8.0, 0, 0, 0, 0, 0)])
-    seen = short_term(twice, rng, np.array([-4.0, 0.0, 0.3]), reach=2.5)
-    found = relocalize(seen, long_term(twice, rng), PARAMS)
-    assert found.reason is Reason.AMBIGUOUS
 
 
 def test_search_points_are_mostly_edges_and_spread():
