@@ -371,7 +371,7 @@ class GlobalSearch:
             reason = Reason.AMBIGUOUS
         return SearchResult(
             reason=reason, offset=best.offset, z=best.z + found.z, information=np.zeros((3, 3)),
-            overlap=found.known, residual=found.residual,
+            known=found.known, overlap=found.overlap, residual=found.residual,
             ratio=best.score / fine[1].score if len(fine) > 1 else 0.0, points=count,
             candidates=as_good, is_complete=is_complete, nodes=self._nodes,
         )  # fmt: skip

@@ -49,6 +49,7 @@ def register_by_paper(points: RegistrationPoints, surface: Surface, prior: Array
     return Registration(
         reason=Reason.ACCEPTED, offset=offset, z=z,
         information=np.diag(1.0 / (_SPREAD * steps) ** 2),
+        known=count / len(points.xyz),
         overlap=count / len(points.xyz), residual=residual, ratio=0.0, points=len(points.xyz),
     )  # fmt: skip
 

@@ -68,8 +68,10 @@ class Registration:
         To be added to its z.
     information : (3, 3) float64
         Inverse of the covariance of the offset; zero along directions that are not observed.
+    known : float
+        Share of the points over known cells.
     overlap : float
-        Share of the points over known cells, among those at places that the map covers.
+        The same, among those at places that the map covers.
     residual : float [m]
         Mean cost of these.
     ratio : float
@@ -81,6 +83,7 @@ class Registration:
     offset: Array
     z: float
     information: Array
+    known: float
     overlap: float
     residual: float
     ratio: float
@@ -159,6 +162,7 @@ def register(
         offset=offset,
         z=found.z,
         information=information,
+        known=found.known,
         overlap=found.overlap,
         residual=found.residual,
         ratio=ratio,
@@ -208,8 +212,8 @@ def curvature(
 def rejected(reason: Reason, points: int) -> Registration:
     """A registration without a result."""
     return Registration(
-        reason=reason, offset=np.zeros(3), z=0.0, information=np.zeros((3, 3)), overlap=0.0,
-        residual=0.0, ratio=0.0, points=points,
+        reason=reason, offset=np.zeros(3), z=0.0, information=np.zeros((3, 3)), known=0.0,
+        overlap=0.0, residual=0.0, ratio=0.0, points=points,
     )  # fmt: skip
 
 

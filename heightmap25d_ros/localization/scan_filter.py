@@ -186,6 +186,7 @@ class ScanFilter:
             offset=found.error[[_X, _Y, _YAW]],
             z=float(found.error[_Z]),
             information=found.information[_PLANAR],
+            known=found.over_known / len(returns),
             overlap=found.over_known / max(found.near_known, 1),
             residual=found.residual,
             ratio=0.0,

@@ -398,7 +398,8 @@ class Tracker:
         else:
             found = self._register(hypotheses.best.estimate, view)
             self._confirmed += 1
-            if not found.is_accepted:
+            # As in the search: a robot that sees beyond the map could be at any of its borders.
+            if not found.is_accepted or found.known < self._params.registration.min_overlap:
                 hypotheses.clear()
         weights = hypotheses.weights
         if not weights:

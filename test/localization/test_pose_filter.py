@@ -24,7 +24,8 @@ poses = st.tuples(
 
 def registration(reason=Reason.ACCEPTED, offset=(0.0, 0.0, 0.0), information=None, z=0.0):
     return Registration(
-        reason=reason, offset=np.array(offset), z=z, overlap=1.0, residual=0.01, ratio=0.0,
+        reason=reason, offset=np.array(offset), z=z, known=1.0, overlap=1.0, residual=0.01,
+        ratio=0.0,
         information=1e4 * np.eye(3) if information is None else information, points=500,
     )  # fmt: skip
 

@@ -369,7 +369,7 @@ def test_a_topic_that_is_none_of_the_lasers_is_misuse():
 
 def test_another_drive_joins_nothing_of_before_but_static_mounts():
     queue = intake_of(with_mounts=False)
-    queue.add_transforms([mount()], is_static=True)
+    add_transforms(queue, [mount()], is_static=True)
     queue.add_odometry(pose(0.0))
     queue.add_scan("scan", scan(0.05))
     assert queue.flush() == []
