@@ -246,6 +246,7 @@ def fill_localization_status(message: Any, attempt: Attempt) -> None:
     message.reason = f"{attempt.kind.value}: {found.reason.value}"
     message.position_deviation, message.yaw_deviation = figures[:2]
     message.overlap, message.residual, message.ratio = figures[2:]
+    message.weights = list(attempt.weights)
 
 
 def fill_twist(message: Any, speed: float, turn_rate: float) -> None:

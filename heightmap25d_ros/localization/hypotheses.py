@@ -3,8 +3,13 @@
 """Poses of which one is right, tracked side by side until one is alone.
 
 A search of the whole map finds every pose that is as good. Each of them follows the odometry and is
-held against the map as the robot goes on; its weight falls with the misfit. One that the map
-contradicts again and again is dropped, so is one of hardly any weight, and two that meet are one.
+held against the map as the robot goes on. One that fits worse than another by more than noise
+explains is dropped, and two that meet are one.
+
+- What the map does not know speaks for no place and against none: one is dropped if it fits worse
+  even if all that is unknown there were as seen, and nothing that is unknown at the other were.
+- Misfits are averaged over the last metre or so, not summed: where two places are alike, the map
+  has the same small errors in every scan, and a sum would sooner or later decide for one.
 """
 
 from __future__ import annotations
@@ -21,10 +26,10 @@ from heightmap25d_ros.localization.pose_filter import PoseFilter
 from heightmap25d_ros.localization.registration import Registration
 from heightmap25d_ros.localization.scan_filter import ScanFilter
 from heightmap25d_ros.localization.scan_update import FIT
-from heightmap25d_ros.localization.tracking_state import CONTRADICTIONS
 
-_LEAST_WEIGHT = 0.01  # over that of the best one
-_REFUSALS = 3  # contradictions in a row
+_SHARE = 0.25  # of a new misfit in the average
+_LEAST_UPDATES = 4  # before one is dropped
+_UNSEEN = 0.5  # of the largest distance: mean distance of returns at a wrong place
 _SAME_PLACE, _SAME_YAW = 0.3, 0.1  # [m], [rad] between two that are one
 
 Estimate = PoseFilter | ScanFilter
@@ -37,20 +42,26 @@ class Hypothesis:
     Attributes
     ----------
     estimate : PoseFilter or ScanFilter
-    contradicted : int
-        Updates in a row that contradict the map.
+    updates : int
     misfit : float [m]
-        Sum of the mean distances from the map.
+        Mean distance from the map of all returns, averaged over the last updates: of those over
+        nothing known as at a wrong place.
+    least_misfit : float [m]
+        The same, if these were as the map would have them.
     """
 
     estimate: Estimate
-    contradicted: int = 0
+    updates: int = 0
     misfit: float = 0.0
+    least_misfit: float = 0.0
 
     def take(self, found: Registration) -> None:
-        """Take an update in; what the map does not cover is as far off as can be."""
-        self.misfit += found.overlap * found.residual + (1.0 - found.overlap) * FIT
-        self.contradicted = self.contradicted + 1 if found.reason in CONTRADICTIONS else 0
+        """Take an update in."""
+        self.updates += 1
+        share = max(_SHARE, 1.0 / self.updates)
+        least = found.known * found.residual
+        self.least_misfit += share * (least - self.least_misfit)
+        self.misfit += share * (least + (1.0 - found.known) * _UNSEEN * FIT - self.misfit)
 
 
 class Hypotheses:
@@ -61,7 +72,7 @@ class Hypotheses:
     estimates : iterable of PoseFilter or ScanFilter
         One of them must be right.
     margin : float [m]
-        Mean cost that noise explains: as much more of it makes a pose e times less likely.
+        Difference of misfits that noise explains: as much of it makes a pose e times less likely.
 
     Examples
     --------
@@ -124,11 +135,11 @@ class Hypotheses:
             found[id(hypothesis)] = hypothesis.estimate.prove(returns, T_odom_base, landmarks)
             hypothesis.take(found[id(hypothesis)])
         best = self.best
-        most = self.best.misfit - self._margin * np.log(_LEAST_WEIGHT)
+        most = best.misfit + self._margin if best.updates >= _LEAST_UPDATES else np.inf
         kept: list[Hypothesis] = []
         at: list[Array] = []
         for hypothesis in sorted(self._left, key=lambda hypothesis: hypothesis.misfit):
-            if hypothesis.contradicted >= _REFUSALS or hypothesis.misfit > most:
+            if hypothesis.least_misfit > most:
                 continue
             x, y, _, _, _, yaw = se3.to_xyz_rpy(hypothesis.estimate.T_map_odom @ T_odom_base)
             if not any(_is_same(np.array([x, y, yaw]), other) for other in at):

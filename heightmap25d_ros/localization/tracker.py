@@ -337,6 +337,8 @@ class Tracker:
         return not is_lost and travelled >= self._params.localization.interval
 
     def _is_search_due(self) -> bool:
+        if self._hypotheses is not None:
+            return False
         is_lost = self.health.state is State.LOST
         is_wanted = self._is_search_wanted or (
             is_lost and self._params.localization.relocalize_when_lost

@@ -26,6 +26,8 @@ from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.input_watch import InputWatch
 from heightmap25d_ros.pipelines.localization import Localizer, Pose, compile_kernels
 
+_SEARCH_SLICE = 0.01  # [s] of a search between two scans
+
 
 class LocalizationNode(ManagedNode):
     """Hands messages to `Localizer`, and publishes the pose.
@@ -81,7 +83,7 @@ class LocalizationNode(ManagedNode):
     def set_up(self) -> None:
         """Make the localizer, with the long-term map where it comes from a directory."""
         self._frame = self.params.mapping.map_frame
-        self._localizer = Localizer(self.params)
+        self._localizer = Localizer(self.params, _SEARCH_SLICE)
         self._state = State.DEGRADED
         self._last: Attempt | None = None
         self._period = self._published_ns = 0

@@ -18,6 +18,7 @@ from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.io import decode
 from heightmap25d_ros.io.decode import Odometry
 from heightmap25d_ros.localization import matching, registration, scan_update
+from heightmap25d_ros.localization.global_search import relocalize
 from heightmap25d_ros.localization.landmarks import Landmarks, landmarks_of
 from heightmap25d_ros.localization.layers import LayerMap
 from heightmap25d_ros.localization.pose_filter import SmoothCorrection
@@ -39,13 +40,14 @@ _AROUND = 2  # [cells] around a place that tell the height of the ground there
 
 
 def compile_kernels(params: Params) -> None:
-    """Compile, or load from numba's cache, all that the first registration needs."""
+    """Compile, or load from numba's cache, all that the first registration or search needs."""
     surface = Surface(np.zeros((4, 4), np.float32), np.zeros((4, 4), bool), (0.0, 0.0), 1.0)
     count = registration.MIN_POINTS
     points = matching.RegistrationPoints(
         np.zeros((count, 3)), np.zeros(count, bool), np.ones(count), pivot=(2.0, 2.0)
     )
     registration.register(points, surface, 1e-4 * np.eye(3), params.registration)
+    relocalize(points, surface, params.registration)
     scan_update.compile_kernels(params.scan_filter)
     scratch = ShortTermMaps(params)
     beam = np.array([[0.0, 0.0, 1.0]])
@@ -83,6 +85,9 @@ class Localizer:
     Parameters
     ----------
     params : Params, optional
+    search_slice : float, optional [s]
+        Time that a search of the whole map may take between two scans; by default all that it
+        needs, so that the result does not depend on the machine.
 
     Attributes
     ----------
@@ -98,8 +103,9 @@ class Localizer:
     <State.DEGRADED: 1>
     """
 
-    def __init__(self, params: Params | None = None) -> None:
+    def __init__(self, params: Params | None = None, search_slice: float = np.inf) -> None:
         self._params = params = params or Params()
+        self._search_slice = search_slice
         self.dropped = Drops()
         self._queue = ScanQueue(params.intake, self.dropped, params.odometry, is_bridging=False)
         self._surface: Surface | None = None
@@ -113,7 +119,9 @@ class Localizer:
             self._params.localization.initial_yaw,
         )
         self._initial_covariance = np.diag(np.square([position, position, yaw]))
-        self._tracker = Tracker(self._params, np.eye(4), self._initial_covariance)
+        self._tracker = Tracker(
+            self._params, np.eye(4), self._initial_covariance, self._search_slice
+        )
         self._tracker.set_long_term(self._surface, self._landmarks)
         self._smooth = SmoothCorrection(self._params.localization, np.eye(4))
         self._jumps_seen = self._tracker.jumps
