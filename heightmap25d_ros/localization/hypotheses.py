@@ -27,6 +27,7 @@ from heightmap25d_ros.localization.registration import Registration
 from heightmap25d_ros.localization.scan_filter import ScanFilter
 from heightmap25d_ros.localization.scan_update import FIT
 
+_NOISE = 0.0075  # [m] difference of misfits that noise, and where the map ends, explain
 _SHARE = 0.25  # of a new misfit in the average
 _LEAST_UPDATES = 4  # before one is dropped
 _UNSEEN = 0.5  # of the largest distance: mean distance of returns at a wrong place
@@ -71,8 +72,6 @@ class Hypotheses:
     ----------
     estimates : iterable of PoseFilter or ScanFilter
         One of them must be right.
-    margin : float [m]
-        Difference of misfits that noise explains: as much of it makes a pose e times less likely.
 
     Examples
     --------
@@ -81,13 +80,12 @@ class Hypotheses:
     ...     PoseFilter(LocalizationParams(), se3.from_xyz_rpy([x, 0, 0, 0, 0, 0]), np.eye(3))
     ...     for x in (0.0, 8.0)
     ... ]
-    >>> len(Hypotheses(places, 0.01))
+    >>> len(Hypotheses(places))
     2
     """
 
-    def __init__(self, estimates: Iterable[Estimate], margin: float) -> None:
+    def __init__(self, estimates: Iterable[Estimate]) -> None:
         self._left = [Hypothesis(estimate) for estimate in estimates]
-        self._margin = margin
 
     def __len__(self) -> int:
         return len(self._left)
@@ -99,9 +97,12 @@ class Hypotheses:
 
     @property
     def weights(self) -> tuple[float, ...]:
-        """Of all that are left, the largest first; their sum is 1."""
+        """Of all that are left, the largest first; their sum is 1.
+
+        A misfit that is larger by as much as noise explains makes a pose e times less likely.
+        """
         misfits = np.sort([hypothesis.misfit for hypothesis in self._left])
-        weights = np.exp((misfits[:1] - misfits) / self._margin)
+        weights = np.exp((misfits[:1] - misfits) / _NOISE)
         return tuple((weights / max(weights.sum(), 1.0)).tolist())
 
     def predict(self, T_odom_before: se3.Matrix, T_odom_base: se3.Matrix, distance: float) -> None:
@@ -135,7 +136,7 @@ class Hypotheses:
             found[id(hypothesis)] = hypothesis.estimate.prove(returns, T_odom_base, landmarks)
             hypothesis.take(found[id(hypothesis)])
         best = self.best
-        most = best.misfit + self._margin if best.updates >= _LEAST_UPDATES else np.inf
+        most = best.misfit + _NOISE if best.updates >= _LEAST_UPDATES else np.inf
         kept: list[Hypothesis] = []
         at: list[Array] = []
         for hypothesis in sorted(self._left, key=lambda hypothesis: hypothesis.misfit):

@@ -253,6 +253,8 @@ class Tracker:
             self._search_distance = distance
             search = GlobalSearch(view.points, self.surface, self._params.registration)
             self._search = _Search(search, view, self.estimate.T_map_odom)
+            if self.health.state is State.TRACKING:  # which somebody doubts
+                self.health.begin()
             return self._go_on_searching(self._search, stamp_ns)
         return self._attempt(Kind.TRACKING, self._track(view), view, stamp_ns)
 
@@ -378,7 +380,7 @@ class Tracker:
         is_one_right = found.is_accepted or found.reason is Reason.AMBIGUOUS
         if is_one_right and found.is_complete and len(found.candidates) <= most:
             estimates = self._found_estimates(found, under_way)
-            self._hypotheses = Hypotheses(estimates, self._params.registration.search_margin)
+            self._hypotheses = Hypotheses(estimates)
             self._confirmed = 0
         return self._attempt(Kind.SEARCH, found, under_way.view, stamp_ns)
 

@@ -15,7 +15,6 @@ from heightmap25d_ros.localization.scan_filter import ScanFilter, unknown_errors
 from heightmap25d_ros.params.sections import LocalizationParams, Params
 
 PARAMS = Params()
-MARGIN = PARAMS.registration.search_margin
 APART = 8.0  # [m] from one room to the other, along x
 
 
@@ -27,9 +26,9 @@ def room(x: float, *, has_walls: bool) -> tuple[Wall, ...]:
 
 
 def returns_in(x: float, rng, count: int, *, has_walls: bool):
-    ground = ground_returns(rng, count // 4, half=(2.3, 1.1), noise=0.01) + (x, 0.0, 0.0)
+    ground = ground_returns(rng, count // 2, half=(2.3, 1.1), noise=0.01) + (x, 0.0, 0.0)
     return np.concatenate([
-        ground, wall_returns(rng, 3 * count // 4, room(x, has_walls=has_walls), noise=0.01)
+        ground, wall_returns(rng, 3 * count // 2, room(x, has_walls=has_walls), noise=0.01)
     ])  # fmt: skip
 
 
@@ -61,7 +60,7 @@ def held(hypotheses: Hypotheses, landmarks, updates: int, *, has_walls: bool) ->
 
 
 def test_the_place_where_the_robot_is_remains():
-    hypotheses = held(Hypotheses(poses(0.05, APART), MARGIN), rooms(), 12, has_walls=True)
+    hypotheses = held(Hypotheses(poses(0.05, APART)), rooms(), 12, has_walls=True)
     assert len(hypotheses) == 1
     assert hypotheses.weights == (1.0,)
     at = hypotheses.best.estimate.T_map_odom[:3, 3]
@@ -70,13 +69,13 @@ def test_the_place_where_the_robot_is_remains():
 
 def test_walls_that_the_robot_does_not_see_do_not_speak_against_a_place():
     """They may be behind something, or gone; only what is seen counts."""
-    hypotheses = held(Hypotheses(poses(0.0, APART), MARGIN), rooms(), 12, has_walls=False)
+    hypotheses = held(Hypotheses(poses(0.0, APART)), rooms(), 12, has_walls=False)
     assert len(hypotheses) == 2
 
 
 def test_places_that_are_equal_stay_side_by_side_however_long_it_takes():
     landmarks = rooms(is_second_equal=True)
-    hypotheses = held(Hypotheses(poses(0.0, APART), MARGIN), landmarks, 100, has_walls=True)
+    hypotheses = held(Hypotheses(poses(0.0, APART)), landmarks, 100, has_walls=True)
     assert len(hypotheses) == 2
     assert hypotheses.weights[0] < 0.7
     assert sum(hypotheses.weights) == pytest.approx(1.0)
@@ -85,25 +84,25 @@ def test_places_that_are_equal_stay_side_by_side_however_long_it_takes():
 def test_what_the_map_does_not_know_drops_no_place():
     """Of the second room the map has a part, and all that it has is as the robot sees it."""
     landmarks = rooms(is_second_known=False)
-    hypotheses = held(Hypotheses(poses(0.0, APART), MARGIN), landmarks, 30, has_walls=True)
+    hypotheses = held(Hypotheses(poses(0.0, APART)), landmarks, 30, has_walls=True)
     assert len(hypotheses) == 2
     assert hypotheses.best.estimate.T_map_odom[0, 3] < 1.0
 
 
 def test_two_that_meet_are_one():
-    hypotheses = Hypotheses(poses(0.1, -0.1, APART), MARGIN)
+    hypotheses = Hypotheses(poses(0.1, -0.1, APART))
     assert len(held(hypotheses, rooms(is_second_equal=True), 1, has_walls=True)) == 2
 
 
 def test_a_place_without_anything_that_fits_is_not_kept_for_want_of_others():
-    hypotheses = Hypotheses(poses(0.0), MARGIN)
+    hypotheses = Hypotheses(poses(0.0))
     hypotheses.clear()
     assert len(hypotheses) == 0
     assert hypotheses.weights == ()
 
 
 def test_they_follow_the_odometry():
-    hypotheses = Hypotheses(poses(0.0, APART), MARGIN)
+    hypotheses = Hypotheses(poses(0.0, APART))
     moved = se3.from_xyz_rpy([0.5, 0, 0, 0, 0, 0.2])
     before = hypotheses.best.estimate.deviation
     hypotheses.predict(np.eye(4), moved, 0.6)
@@ -113,4 +112,4 @@ def test_they_follow_the_odometry():
 def test_only_scans_tell_several_apart():
     estimate = PoseFilter(LocalizationParams(), np.eye(4), np.eye(3))
     with pytest.raises(TypeError, match="ScanFilter"):
-        Hypotheses([estimate], MARGIN).update(np.zeros((1, 3)), np.eye(4), rooms())
+        Hypotheses([estimate]).update(np.zeros((1, 3)), np.eye(4), rooms())
