@@ -2,11 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The tables of docs/localization.md: laps, corrected and not; kidnapped robots; real data.
 
-Usage: python studies/measure_localization.py [--bags DIR] [--fr079 BAG] [--only SECTION ...]
+Usage: python studies/measure_localization.py [--bags DIR] [--logs BAG ...] [--only SECTION ...]
 
 Simulated drives; long-term maps are of other drives through the same worlds. With --bags,
 recordings that are in DIR/WORLD_SEED_DRIVE are taken and the others made there; without, all are
 made anew and thrown away. Markdown to the terminal.
+
+--logs are recordings of level lasers with /scan, /odom and the poses of a reference on
+/ground_truth, with which their long-term map is made; all parameters have their defaults.
 """
 
 from __future__ import annotations
@@ -21,6 +24,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import cKDTree
 from scipy.stats import chi2
 
 from heightmap25d_ros import se3
@@ -28,6 +32,7 @@ from heightmap25d_ros.evaluation import trajectory_error
 from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.io import decode
 from heightmap25d_ros.io.bag import Bag, Event
+from heightmap25d_ros.localization.landmarks import landmarks_of
 from heightmap25d_ros.localization.layers import LayerMap
 from heightmap25d_ros.localization.tracker import Attempt, Kind
 from heightmap25d_ros.localization.tracking_state import State
@@ -49,12 +54,8 @@ KIDNAPPED = 50  # of each world
 UNIQUE, REPEATED = ("room", "ramp", "rough"), ("corridor", "court", "pillars", "twin_rooms")
 SEARCH_WAY = 6.0  # [m] that a kidnapped robot drives at most
 RIGHT = 0.25, 5.0  # [m, deg] within which it is found
-FR079 = {  # raw wheels: the heading is off by degrees at each turn; scans are 0.2 s apart
-    "intake.scan_topics": ["/scan"],
-    "intake.odom_gap": 3.0,
-    "localization.position_drift": 0.1,
-    "localization.yaw_drift": 0.05,
-}
+ON_MAP = 0.5, 0.2  # share of the returns within so many metres of a wall of the map
+SAME_SCAN = 2e7  # [ns] between a pose of the reference and one of the odometry
 
 
 @dataclasses.dataclass
@@ -72,8 +73,8 @@ class Run:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--bags", type=Path, metavar="DIR", help="where recordings are, or go to")
-    parser.add_argument("--fr079", type=Path, metavar="BAG", help="the log of Freiburg 079")
-    sections = ("laps", "corrected", "kidnapped", "fr079")
+    parser.add_argument("--logs", nargs="+", type=Path, metavar="BAG", default=(), help="real ones")
+    sections = ("laps", "corrected", "kidnapped", "logs")
     parser.add_argument("--seeds", nargs="+", type=int, default=SEEDS, help="of the laps")
     parser.add_argument(
         "--kidnapped-seeds", nargs="+", type=int, default=(1, 2), metavar="SEED",
@@ -91,8 +92,9 @@ def main() -> None:
         if "kidnapped" in options.only:
             for line in kidnapped(bags, options.kidnapped_seeds):
                 print(line, flush=True)
-        if "fr079" in options.only and options.fr079:
-            print("\n".join(freiburg(options.fr079)), flush=True)
+        if "logs" in options.only and options.logs:
+            for line in real_logs(options.logs):
+                print(line, flush=True)
 
 
 def events_of(bags: Path, world: str, seed: int, drive: int) -> list[Event]:
@@ -325,45 +327,98 @@ def kidnap(
     return "not", way, 0.0
 
 
-def freiburg(path: Path) -> Iterator[str]:
-    """Half of the log is mapped with the reference poses, the other half localized."""
-    params = with_values(Params(), FR079)
-    with Bag(path) as bag:
-        middle = (bag.start_ns + bag.end_ns) // 2
-        events = list(bag.events(["/scan", "/odom", "/ground_truth", "/tf_static"]))
-    wanted = [e for e in events if e.topic != "/odom" and e.stamp_ns <= middle]
-    long_term = mapped(wanted, "/ground_truth", params)
-    rest = [e for e in events if e.topic == "/tf_static" or e.stamp_ns > middle]
-    stamps, truth = truth_of(rest)
-    rest = [e for e in rest if e.topic == "/tf_static" or e.stamp_ns >= stamps[0]]
+def real_logs(paths: Sequence[Path]) -> Iterator[str]:
+    """Each log on the map of all of it, and its second half on the map of the first."""
+    yield (
+        "\n| log | poses | median | 95 % | largest | yaw: median | 95 % | over 3 sigma and 0.15 m |"
+    )
+    yield "|---|---|---|---|---|---|---|---|"
+    notes = []
+    for path in paths:
+        with Bag(path) as bag:
+            middle = (bag.start_ns + bag.end_ns) // 2
+            events = list(bag.events(["/scan", "/odom", "/ground_truth", "/tf_static"]))
+        first = [e for e in events if e.stamp_ns <= middle]
+        second = [e for e in events if e.topic == "/tf_static" or e.stamp_ns > middle]
+        for label, before, drive in (
+            ("on the map of all of it", events, events),
+            ("second half on the map of the first", first, second),
+        ):
+            lines, note = real_log(f"`{path.name}`, {label}", before, drive)
+            yield from lines
+            notes.append(note)
+    yield "\n" + "\n".join(notes)
+
+
+def real_log(label: str, before: Sequence[Event], drive: Sequence[Event]) -> tuple[list[str], str]:
+    """Rows of the errors everywhere and where the map reaches, and what became of registrations."""
+    params = with_values(Params(), {"intake.scan_topics": ["/scan"]})
+    long_term = mapped([e for e in before if e.topic != "/odom"], "/ground_truth", params)
+    stamps, truth = truth_of(drive)
+    drive = [e for e in drive if e.topic == "/tf_static" or e.stamp_ns >= stamps[0]]
     x, y, z, _, _, yaw = se3.to_xyz_rpy(truth[0])
-    yield "\n| Freiburg 079, second half | poses | median | 95 % | largest | yaw: median | 95 % |"
-    yield "|---|---|---|---|---|---|---|"
     localizer = Localizer(params)
     localizer.set_long_term(*long_term)
     localizer.begin_at(np.array([x, y, z, yaw]))
-    run = localized(rest, localizer)
+    run = localized(drive, localizer)
     at = np.array(run.stamps)
     # The reference is that of scans; odometry of another moment is not compared with it.
     after = np.clip(np.searchsorted(stamps, at), 1, len(stamps) - 1)
     nearest = np.minimum(np.abs(stamps[after] - at), np.abs(stamps[after - 1] - at))
-    is_known = (nearest < 2e7) & (at >= stamps[0]) & (at <= stamps[-1])
-    true = se3.interpolate(stamps, truth, at[is_known])
+    is_known = (nearest < SAME_SCAN) & (at >= stamps[0]) & (at <= stamps[-1])
+    at = at[is_known]
+    true = se3.interpolate(stamps, truth, at)
     T_map_odom = run.told[0] @ se3.inverse(run.odometry[0])
-    for name, poses in (
-        ("raw wheel odometry", T_map_odom @ np.array(run.odometry)),
-        ("corrected", np.array(run.told)),
-    ):
-        error = trajectory_error.planar_errors(poses[is_known], true)
-        distance, turn = error[:, 0], np.abs(error[:, 2])
-        yield (
-            f"| {name} | {len(error)} | {np.median(distance):.2f} m "
-            f"| {np.percentile(distance, 95):.2f} m | {distance.max():.2f} m "
-            f"| {np.median(turn):.1f} deg | {np.percentile(turn, 95):.1f} deg |"
-        )
+    wheels = T_map_odom @ np.array(run.odometry)[is_known]
+    told, covariances = np.array(run.told)[is_known], np.array(run.covariances)[is_known]
+    reaches = is_on_map(long_term, drive, at, true)
+    lines = [
+        log_row(f"{label}: wheels alone", wheels, true),
+        log_row(f"{label}: corrected", told, true, covariances),
+        log_row(f"{label}: where the map reaches", told[reaches], true[reaches],
+                covariances[reaches]),
+    ]  # fmt: skip
     outcomes = Counter(f"{a.kind.value}: {a.registration.reason.value}" for a in run.attempts)
-    yield "\n" + ", ".join(f"{name} {count}" for name, count in outcomes.most_common())
-    yield f"At the end: {run.state.name}"
+    counts = ", ".join(f"{name} {count}" for name, count in outcomes.most_common())
+    return lines, f"{label}: {counts}; at the end {run.state.name}."
+
+
+def is_on_map(
+    long_term: LongTerm, drive: Sequence[Event], at: np.ndarray, true: se3.Matrix
+) -> np.ndarray:
+    """(N,) whether what the laser sees from true poses is on the map."""
+    assert long_term[1] is not None
+    walls = cKDTree(landmarks_of(long_term[0], long_term[1]).walls[:, :2])
+    scans = {decode.stamp_ns(e.message.header): e.message for e in drive if e.topic == "/scan"}
+    (mount,) = next(e.message.transforms for e in drive if e.topic == "/tf_static")
+    x_of_laser = mount.transform.translation.x
+    found = np.zeros(len(at), bool)
+    for i, (stamp, T) in enumerate(zip(at, true, strict=True)):
+        if int(stamp) in scans:
+            scan = scans[int(stamp)]
+            ranges = np.asarray(scan.ranges)
+            angles = scan.angle_min + np.arange(len(ranges)) * scan.angle_increment
+            seen = (
+                np.isfinite(ranges) & (ranges > scan.range_min) & (ranges < PARAMS.sensor.max_range)
+            )
+            x, y = ranges * np.cos(angles) + x_of_laser, ranges * np.sin(angles)
+            places = np.column_stack([x, y])[seen] @ T[:2, :2].T + T[:2, 3]
+            found[i] = len(places) and (walls.query(places)[0] < ON_MAP[1]).mean() >= ON_MAP[0]
+    return found
+
+
+def log_row(label: str, poses: se3.Matrix, true: se3.Matrix, covariances=None) -> str:
+    error = trajectory_error.planar_errors(poses, true)
+    distance, turn = error[:, 0], np.abs(error[:, 2])
+    too_sure = ""
+    if covariances is not None:
+        deviation = np.sqrt(np.linalg.eigvalsh(covariances[:, :2, :2])[:, -1])
+        too_sure = str(int(((distance > 3 * deviation) & (distance > 0.15)).sum()))
+    return (
+        f"| {label} | {len(error)} | {np.median(distance):.3f} m "
+        f"| {np.percentile(distance, 95):.3f} m | {distance.max():.2f} m "
+        f"| {np.median(turn):.1f} deg | {np.percentile(turn, 95):.1f} deg | {too_sure} |"
+    )
 
 
 if __name__ == "__main__":

@@ -189,7 +189,7 @@ class Tracker:
         self.jumps += 1
         self._search: _Search | None = None
         self._hypotheses: Hypotheses | None = None
-        self._confirmed = 0
+        self._confirmed = self._refused = 0
         self._proposed: se3.Matrix | None = None
         self._attempt_distance = self._search_distance = -np.inf
 
@@ -381,7 +381,7 @@ class Tracker:
         if is_one_right and found.is_complete and len(found.candidates) <= most:
             estimates = self._found_estimates(found, under_way)
             self._hypotheses = Hypotheses(estimates)
-            self._confirmed = 0
+            self._confirmed = self._refused = 0
         return self._attempt(Kind.SEARCH, found, under_way.view, stamp_ns)
 
     def _found_estimates(self, found: SearchResult, under_way: _Search) -> Iterator[Estimate]:
@@ -399,6 +399,9 @@ class Tracker:
             assert self.landmarks is not None
             returns = self._window.take(self._short_term.distance, stamp_ns)
             found = hypotheses.update(returns, view.T_odom_base, self.landmarks)
+            self._refused = self._refused + 1 if found.reason in CONTRADICTIONS else 0
+            if self._refused >= self._params.localization.degraded_refusals:
+                hypotheses.clear()  # not even the best one is right
         else:
             found = self._register(hypotheses.best.estimate, view)
             self._confirmed += 1
