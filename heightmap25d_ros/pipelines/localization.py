@@ -150,8 +150,26 @@ class Localizer:
 
     @property
     def state(self) -> State:
-        """How sure the pose is."""
-        return self._tracker.health.state
+        """How sure the pose is; without one of its sources not more than DEGRADED."""
+        state = self._tracker.health.state
+        is_blind = state is State.TRACKING and bool(self._queue.silence.silent)
+        return State.DEGRADED if is_blind else state
+
+    @property
+    def lapse(self) -> str:
+        """Why the pose is less sure than the last registration left it; empty where it is not."""
+        deviation, limit = self.deviation[0], self._params.localization.degraded_deviation
+        grown = f"the deviation has grown to {deviation:.2f} m" if deviation > limit else ""
+        return "; ".join(filter(None, [self._queue.silence.told, grown]))
+
+    @property
+    def deviation(self) -> tuple[float, float]:
+        """Standard deviations of position [m] and yaw [rad] now."""
+        return self._tracker.estimate.deviation
+
+    def pass_time(self, now_ns: int) -> None:
+        """Let the time [ns] pass in which sources can fall silent, see `Silence`."""
+        self._queue.silence.pass_time(now_ns)
 
     @property
     def stamp_ns(self) -> int:

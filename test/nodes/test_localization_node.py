@@ -66,7 +66,9 @@ def driven(room_map, tmp_path_factory):
     client.subscribe("height_grid", HeightGrid)
     localization = start(
         "nodes.localization", "--ros-args", *SCANS,
-        "-p", f"localization.map_directory:={room_map}", stderr=subprocess.PIPE,
+        "-p", f"localization.map_directory:={room_map}",
+        "-p", "intake.timeout:=30.0",  # the status is that of the drive
+        stderr=subprocess.PIPE,
     )  # fmt: skip
     try:
         with mapping_node(tmp_path_factory.mktemp("maps"), *SCANS):
