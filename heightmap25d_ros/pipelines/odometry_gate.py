@@ -154,6 +154,10 @@ class OdometryGate:
             self._begin_frame(last, first, second, detail)
         return [*self._use(first), *self._use(second)]
 
+    def is_continuous(self, a: Odometry, b: Odometry) -> bool:
+        """Whether a robot can have both poses in hardly any time, whatever their stamps say."""
+        return self._strain(a.T, b.T, 0)[0] <= 1.0
+
     def finish(self) -> None:
         """What still waits is skipped."""
         if self._suspect is not None:
