@@ -29,8 +29,11 @@ from heightmap25d_ros.pipelines.silence import LOCALIZATION, Silence
 from heightmap25d_ros.terrain.obstacle_grid import ObstacleGrid
 from heightmap25d_ros.terrain.traversability import ObstacleMap
 
-GIVEN_UP = 10
-"""Timeouts of silence after which localization is given up, and mapping goes on without it."""
+GIVEN_UP = 60
+"""Timeouts of silence after which localization is given up, and mapping goes on without it.
+
+A node that searches a large map may be silent for many seconds, and is lost meanwhile.
+"""
 
 _SCRATCH_EXTENT = 32.0  # [m] of a grid that is thrown away
 

@@ -86,7 +86,7 @@ def test_mapping_pauses_when_localization_falls_silent_and_gives_it_up_in_the_en
     assert driver.merges_a_scan()
     assert mapping.trouble == ""
     (notice,) = mapping.dropped.new_notices()
-    assert "silent for 10 s" in notice
+    assert "silent for 60 s" in notice
     mapping.take_localization_status(status(2))  # it is relied on again
     assert not driver.merges_a_scan()
 
