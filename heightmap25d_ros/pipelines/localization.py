@@ -134,7 +134,6 @@ class Localizer:
         if self._queue.gate.is_continuous(before, odometry):
             self.dropped.record("poses: clock jumped back, the robot stayed")
             self._tracker.forget()
-            self._mended = None
         else:
             self.dropped.record("poses: clock jumped back, localization starts over")
             self._begin()

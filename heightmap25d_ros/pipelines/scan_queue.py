@@ -197,7 +197,7 @@ class ScanQueue:
             self.dropped.record(*refusal)
             return []
         if odometry.stamp_ns < self._odom_stamp_ns:
-            self._start_over(odometry.stamp_ns)
+            self._start_over(odometry)
         for admitted in self.gate.admit(odometry):
             stamp, frame = admitted.stamp_ns, admitted.frame_id
             for topic in self._params.scan_topics:
@@ -232,9 +232,12 @@ class ScanQueue:
         self.gate.finish()
         return self._release(is_end=True)
 
-    def _start_over(self, stamp_ns: int) -> None:
+    def _start_over(self, odometry: Odometry) -> None:
+        """The clock jumped back; where the robot stayed, alone the clock was wrong."""
+        stamp_ns, before = odometry.stamp_ns, self.odometry
         self.dropped.record("poses: clock jumped back")
-        self.correction.restart()
+        has_stayed = before is not None and self.gate.is_continuous(before, odometry)
+        self.correction.restart(stamp_ns if has_stayed else None)
         self._forget_waiting(self._params.scan_topics, after_ns=stamp_ns)
         self._transforms.forget_after(stamp_ns + JUMP_BACK_NS)
         self._newest_ns = {topic: min(ns, stamp_ns - 1) for topic, ns in self._newest_ns.items()}
