@@ -143,16 +143,24 @@ def test_odometry_is_flat_only_where_it_never_left_the_plane():
 RATE = 0.04  # [s] between scans
 
 
-def mapped(count=100, *, values=None, scan_ahead=0.0, time_increment=0.0, beams=361, **changes):
-    """The mapping of a robot that drives 0.2 m/s, as it hears scans and odometry come."""
+def mapped(
+    count=100, *, values=None, scan_ahead=0.0, time_increment=0.0, beams=361, speed=0.2,
+    is_stuck=False, **changes,
+):  # fmt: skip
+    """The mapping of a robot that drives [m/s], as it hears scans and odometry come.
+
+    The laser's last beam tells nothing, but not always in the same way, unless it is stuck.
+    """
     ranges = np.full(beams, 2.0) if values is None else np.resize(values, beams)
     params = with_values(Params(), {"intake.mounts": [0.0] * 6, "mapper.update_rule": "paper"})
     mapping = Mapping(params)
     for step in range(count):
         stamp = 10**18 + round(step * RATE * 1e9)
-        mapping.take_odometry(odometry(stamp, (0.2 * step * RATE, 0.0, 0.01 * (step % 2))))
+        mapping.take_odometry(odometry(stamp, (speed * step * RATE, 0.0, 0.01 * (step % 2))))
+        last = -np.inf if step % 2 and not is_stuck else np.nan
         scan = laser_scan(
-            stamp + round((scan_ahead + 0.001) * 1e9), ranges, time_increment=time_increment,
+            stamp + round((scan_ahead + 0.001) * 1e9), np.append(ranges, last),
+            time_increment=time_increment,
             **changes,
         )  # fmt: skip
         mapping.take_scan("scan", scan)
@@ -218,7 +226,7 @@ def test_what_is_no_return_by_the_parameter_is_not_told(convention):
 def test_a_scan_that_lasts_longer_than_the_time_to_the_next_one():
     (line, *_) = told(mapped(time_increment=0.05))
     assert line == (
-        "scans last too long: scan: by its time_increment a scan lasts 18 s, "
+        "scans last too long: scan: by its time_increment a scan lasts 18.1 s, "
         "and the next one comes after 0.04 s"
     )
     assert told(mapped(time_increment=RATE / 361)) == []  # a laser that turns all the time
@@ -240,6 +248,13 @@ def test_scans_that_are_a_little_late_are_no_problem(ahead):
 def test_scans_that_are_refused_are_told_with_the_numbers():
     (line,) = [t for t in told(mapped(angle_max=200.0)) if "refused" in t]
     assert line.startswith("scans are refused: scan: bad angle_max (100, the last one: angle_max:")
+
+
+def test_a_driver_that_repeats_a_scan_while_the_robot_moves():
+    (line,) = told(mapped(is_stuck=True))
+    assert line == "scans repeat: while the robot moved; scan: 100 scans in a row are the same"
+    assert told(mapped(is_stuck=True, speed=0.0)) == []  # a laser without noise
+    assert told(mapped(is_stuck=True, values=[np.inf])) == []  # an empty yard
 
 
 def test_scans_that_are_not_used_are_told():

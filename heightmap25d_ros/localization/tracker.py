@@ -214,6 +214,7 @@ class Tracker:
         if self._T_odom_base is not None:
             distance = distance_travelled(self._T_odom_base, T_odom_base)
             self.estimate.predict(self._T_odom_base, T_odom_base, distance)
+            self.health.predict(self.estimate.deviation[0])
             if self._hypotheses is not None:
                 self._hypotheses.predict(self._T_odom_base, T_odom_base, distance)
         self._T_odom_base = T_odom_base

@@ -46,6 +46,11 @@ class Health:
         self.state = State.TRACKING if is_confirmed else State.DEGRADED
         self._accepted = self._contradicted = 0
 
+    def predict(self, deviation: float) -> None:
+        """Update by the standard deviation [m] of the position after a motion by odometry."""
+        if self.state is State.TRACKING and deviation > self._params.degraded_deviation:
+            self.state = State.DEGRADED
+
     def update(self, registration: Registration, deviation: float) -> None:
         """Update by a registration and the standard deviation [m] of the position after it."""
         if self.state is State.LOST:

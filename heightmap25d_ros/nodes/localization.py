@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ from heightmap25d_ros.nodes.pose_source import pose_inputs
 from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.input_watch import InputWatch
 from heightmap25d_ros.pipelines.localization import Localizer, Pose, compile_kernels
+from heightmap25d_ros.pipelines.silence import CHECKS
 
 _SEARCH_SLICE = 0.01  # [s] of a search between two scans
 
@@ -33,7 +35,8 @@ class LocalizationNode(ManagedNode):
     """Hands messages to `Localizer`, and publishes the pose.
 
     Poses are published as odometry comes, ``transform_rate`` times a second of its time, and
-    when a registration was made.
+    when a registration was made. The status is published then, when the state changes, and a few
+    times per ``intake.timeout`` of the node's clock, so that others notice a node that stands.
     """
 
     NAME = "localization"
@@ -96,8 +99,9 @@ class LocalizationNode(ManagedNode):
         compile_kernels(self.params)
 
     def start(self) -> None:
-        """Publish the state at the start."""
-        self._publish_status(self._last)
+        """Publish the state at the start, and now and then."""
+        self._publish_status()
+        self.create_timer(self.params.intake.timeout / CHECKS, self._pass_time)
 
     def take_params(self) -> None:
         """Apply new parameters; the pose is kept."""
@@ -120,6 +124,8 @@ class LocalizationNode(ManagedNode):
     def figures(self) -> dict[str, Any]:
         """What /diagnostics reports of the pose."""
         figures: dict[str, Any] = {"localization": self._localizer.state.name}
+        if self._localizer.lapse:
+            figures["lapse"] = self._localizer.lapse
         if self._last is not None:
             found, (position, yaw) = self._last.registration, self._last.deviation
             figures |= {
@@ -142,12 +148,19 @@ class LocalizationNode(ManagedNode):
 
     def _on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
         self._localizer.take_initial_pose(message)
-        self._publish_status(None)
+        self._last = None
+        self._publish_status()
+
+    def _pass_time(self) -> None:
+        self._localizer.pass_time(self.get_clock().now().nanoseconds)
+        self._publish_status()
 
     def _publish(self, attempts: list[Attempt]) -> None:
         for attempt in attempts:
             self._last = attempt
-            self._publish_status(attempt)
+            self._publish_status()
+        if self._localizer.state is not self._state:
+            self._publish_status()
         if attempts and self.has_subscribers("short_term_grid"):
             self._publish_short_term(attempts[-1])
         pose = self._localizer.pose
@@ -178,14 +191,16 @@ class LocalizationNode(ManagedNode):
             encode.fill_height_grid(message, height_map, attempt.stamp_ns, pose.odom_frame)
             self.publish("short_term_grid", message)
 
-    def _publish_status(self, attempt: Attempt | None) -> None:
-        """Of an attempt; None: of a pose that was said from outside, or of the beginning."""
-        state = self._localizer.state
+    def _publish_status(self) -> None:
+        """State and deviation now, and what became of the last registration."""
+        state, attempt = self._localizer.state, self._last
         message: Any = LocalizationStatus(state=int(state), reason="no registration yet")
         stamp = self._localizer.stamp_ns if attempt is None else attempt.stamp_ns
         encode.fill_header(message.header, stamp, self._frame)
         if attempt is not None:
-            encode.fill_localization_status(message, attempt)
+            deviation = self._localizer.deviation
+            encode.fill_localization_status(message, replace(attempt, deviation=deviation))
+        message.reason = "; ".join(filter(None, [message.reason, self._localizer.lapse]))
         self.publish("~/status", message)
         if state is not self._state:
             change = f"{self._state.name} -> {state.name}; {message.reason}"

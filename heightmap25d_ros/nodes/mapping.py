@@ -31,6 +31,7 @@ from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.input_watch import InputWatch
 from heightmap25d_ros.pipelines.mapping import Mapping, compile_kernels
 from heightmap25d_ros.pipelines.scan_queue import Reading
+from heightmap25d_ros.pipelines.silence import CHECKS
 
 
 class MappingNode(ManagedNode):
@@ -96,9 +97,10 @@ class MappingNode(ManagedNode):
         compile_kernels(self.params)
 
     def start(self) -> None:
-        """Start publishing, by the wall clock."""
+        """Start publishing, by the wall clock; look for silence by that of the node."""
         self._start_publishing()
         self._transform = MapTransform(self._frame)
+        self.create_timer(self.params.intake.timeout / CHECKS, self._pass_time)
         if self.params.mapping.publish_transform:
             self.create_wall_timer(map_transform.PERIOD, self._publish_transform)
 
@@ -168,6 +170,9 @@ class MappingNode(ManagedNode):
         if not is_static:
             self._transform.observe(message)
         self._count(self._mapping.take_transforms(message, is_static=is_static))
+
+    def _pass_time(self) -> None:
+        self._mapping.pass_time(self.get_clock().now().nanoseconds)
 
     def _count(self, merged: list[Reading]) -> None:
         self._version += len(merged)

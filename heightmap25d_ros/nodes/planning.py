@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,8 @@ from heightmap25d_ros.nodes.lifecycle import ManagedNode
 from heightmap25d_ros.nodes.pose_source import pose_inputs
 from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.planning import Planning
-from heightmap25d_ros.planning.plan import Plan
+from heightmap25d_ros.pipelines.silence import CHECKS
+from heightmap25d_ros.planning.plan import Plan, Status
 from heightmap25d_ros.planning.planner import compile_kernels
 from heightmap25d_ros.viz import markers
 
@@ -35,6 +37,7 @@ class PlanningNode(ManagedNode):
     PARAMETERS = (
         "traversability", "planner", "planning", "mapping.map_frame", "intake.base_frame",
         "intake.pose_source", "intake.odom_frame", "intake.odom_gap",
+        "intake.timeout",
     )  # fmt: skip
 
     def inputs(self) -> list[Input]:
@@ -67,11 +70,13 @@ class PlanningNode(ManagedNode):
         """Make the planner."""
         self._planning = Planning(self.params)
         self._plan: Plan | None = None
+        self._is_stale = False
         self._unshown: Plan | None = None  # whose field has not been published
         compile_kernels()
 
     def start(self) -> None:
-        """Publish the field now and then."""
+        """Publish the field now and then; look for silence by the node's clock."""
+        self.create_timer(self.params.intake.timeout / CHECKS, self._pass_time)
         self.create_wall_timer(_FIELD_PERIOD, self._publish_field)
 
     def take_params(self) -> None:
@@ -82,6 +87,10 @@ class PlanningNode(ManagedNode):
     def dropped(self) -> Drops:
         """How many messages were not used, by reason."""
         return self._planning.dropped
+
+    def trouble(self) -> str:
+        """Why nobody should follow the plan."""
+        return self._planning.staleness
 
     def figures(self) -> dict[str, Any]:
         """What /diagnostics reports of the last plan."""
@@ -114,16 +123,31 @@ class PlanningNode(ManagedNode):
         path = Path()
         self._fill_path(path, plan, stamp)
         self.publish("plan", path)
-        status = PlanStatus()
-        encode.fill_plan_status(status, plan)
-        status.header = path.header
-        self.publish("~/status", status)
+        self._publish_status(plan, stamp)
         self._unshown = plan
         if plan.found:
             milliseconds = 1e3 * plan.seconds
             self.get_logger().info(f"path of {plan.length:.1f} m found in {milliseconds:.0f} ms")
         else:
             self.get_logger().warning(f"no path: {plan.reason}")
+
+    def _publish_status(self, plan: Plan, stamp: int) -> None:
+        """Of a plan; a stale one has TF_ERROR and its figures."""
+        staleness = self._planning.staleness
+        self._is_stale = bool(staleness)
+        if staleness:
+            plan = replace(plan, status=Status.TF_ERROR, reason=staleness)
+        status = PlanStatus()
+        encode.fill_plan_status(status, plan)
+        encode.fill_header(status.header, stamp, self.params.mapping.map_frame)
+        self.publish("~/status", status)
+
+    def _pass_time(self) -> None:
+        """Publish the status again where the plan becomes stale, and where it is not any more."""
+        now = self.get_clock().now().nanoseconds
+        self._planning.pass_time(now)
+        if self._plan is not None and bool(self._planning.staleness) != self._is_stale:
+            self._publish_status(self._plan, now)
 
     def _publish_field(self) -> None:
         """The newest plan's field, if somebody wants to see it."""

@@ -260,6 +260,12 @@ class IntakeParams(Section):
         1.0, "a scan is dropped when its poses have not arrived after this time", "s",
         low=0.0, high=60.0,
     )  # fmt: skip
+    timeout: float = parameter(
+        1.0,
+        "odometry, a laser or localization from which nothing usable comes for longer is silent: "
+        "the pose is DEGRADED, the plan stale, or mapping pauses", "s",
+        low=0.05, high=3600.0,
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         Section.__post_init__(self)

@@ -8,5 +8,5 @@ What a node and a command both drive. `scan_queue` joins scans with poses (`odom
 `localization` feed what the queue releases to the algorithms; `replay` feeds a bag, and `from_bag`
 does so in one call.
 `drops` decodes messages and counts those that are not used; `input_watch` and `self_check` find
-out what is missing.
+out what is missing, and `silence` who has fallen silent.
 """

@@ -5,15 +5,24 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict, deque
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from heightmap25d_ros import se3
 from heightmap25d_ros.io.decode import Odometry
 from heightmap25d_ros.mapping.sensor_model import Scan, no_returns
 from heightmap25d_ros.pipelines.drops import BELOW_RANGE_MIN, BEYOND_RANGE_MAX, Drops
 
 RETURNS, BEYOND, BELOW, AT_MAX = "returns", "beyond range_max", "below range_min", "at range_max"
 """What is counted of the ranges: finite ones that are returns, and where they lie."""
+
+REPEATED = "repeated"
+"""Scans that are counted: the same ranges again and again, while the robot moved."""
+
+_REPEATS = 10  # scans in a row with the same ranges that are no accident
+_MOVED = 0.1  # [m, rad] after which no laser measures the same
 
 _RECENT = 100
 """Scans of each laser from which times are estimated."""
@@ -46,13 +55,22 @@ class Flatness:
         self.poses = self.poses + 1 if self._is_flat else 0
 
 
+@dataclass(slots=True)
+class _Repeat:
+    """Ranges of a laser, where the robot was when they came, and how often they have come."""
+
+    ranges: NDArray[np.float32]
+    T_odom_base: se3.Matrix
+    count: int = 1
+
+
 class InputWatch:
     """Looks at scans as they come, and at their ranges as they are used.
 
     Attributes
     ----------
     counts : Counter of str
-        Returns of used scans, and how many of them lie out of range.
+        Returns of used scans, and how many of them lie out of range; scans that are repeated.
     scans, used : int
         Scans that came, and those that were used.
     flatness : Flatness
@@ -68,11 +86,13 @@ class InputWatch:
         )
         self._offsets: dict[str, deque[float]] = defaultdict(lambda: deque(maxlen=_RECENT))
         self._odometry: deque[int] = deque(maxlen=_RECENT)
+        self._T_odom_base = np.eye(4)
+        self._repeats: dict[str, _Repeat] = {}
 
     def observe_odometry(self, odometry: Odometry) -> None:
         """A pose has come."""
         self._odometry.append(odometry.stamp_ns)
-        T = odometry.T
+        T = self._T_odom_base = odometry.T
         self.flatness.observe(T[2, 3], T[0, 2], T[1, 2])
 
     def observe_scan(self, topic: str, scan: Scan) -> None:
@@ -82,6 +102,20 @@ class InputWatch:
         self._sweeps[topic].append((scan.stamp_ns, sweep))
         if self._odometry:
             self._offsets[topic].append((scan.stamp_ns - self._odometry[-1]) * 1e-9)
+        self._observe_repeat(topic, scan)
+
+    def _observe_repeat(self, topic: str, scan: Scan) -> None:
+        """Count a scan whose ranges are those of the ones before, which the robot has left."""
+        ranges, before = scan.ranges, self._repeats.get(topic)
+        is_same = before is not None and np.array_equal(before.ranges, ranges, equal_nan=True)
+        if before is None or not is_same or not np.isfinite(ranges).any():
+            self._repeats[topic] = _Repeat(ranges, self._T_odom_base)
+            return
+        before.count += 1
+        moved = np.abs(self._T_odom_base - before.T_odom_base).max()
+        if before.count >= _REPEATS and moved > _MOVED:
+            self.counts[REPEATED] += 1
+            self._examples[REPEATED] = f"{topic}: {before.count} scans in a row are the same"
 
     def observe_ranges(self, scan: Scan, convention: str, dropped: Drops) -> None:
         """A scan is used; count the returns that lie out of its range.
@@ -115,7 +149,10 @@ class InputWatch:
         dropped.record(BELOW_RANGE_MIN, examples.get(BELOW, ""), int(is_below.sum()))
 
     def example(self, place: str) -> str:
-        """Of the returns in one of these places: the newest scan's median and the limit."""
+        """Of the returns in one of these places: the newest scan's median and the limit.
+
+        Of `REPEATED`: the laser, and how many there are.
+        """
         return self._examples.get(place, "")
 
     def sweep_fault(self) -> str:

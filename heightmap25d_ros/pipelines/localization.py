@@ -110,24 +110,33 @@ class Localizer:
         self._queue = ScanQueue(params.intake, self.dropped, params.odometry, is_bridging=False)
         self._surface: Surface | None = None
         self._landmarks: Landmarks | None = None
-        self._initial_pose: tuple[Array, Array] | None = None
-        self._start_over()
+        self._waiting_pose: tuple[Array, Array] | None = None
+        self._told_pose: tuple[se3.Matrix, Array] | None = None
+        self._begin()
 
-    def _start_over(self) -> None:
+    def _begin(self) -> None:
+        """Where others have told the robot to be, or else where the odometry is the map's frame."""
         position, yaw = (
             self._params.localization.initial_position,
             self._params.localization.initial_yaw,
         )
         self._initial_covariance = np.diag(np.square([position, position, yaw]))
-        self._tracker = Tracker(
-            self._params, np.eye(4), self._initial_covariance, self._search_slice
-        )
+        T_map_odom, covariance = self._told_pose or (np.eye(4), self._initial_covariance)
+        self._tracker = Tracker(self._params, T_map_odom, covariance, self._search_slice)
         self._tracker.set_long_term(self._surface, self._landmarks)
-        self._smooth = SmoothCorrection(self._params.localization, np.eye(4))
+        self._smooth = SmoothCorrection(self._params.localization, T_map_odom)
         self._jumps_seen = self._tracker.jumps
         self._odometry: Odometry | None = None
         self._mended: Jump | None = None
-        self._waiting_pose = self._initial_pose
+
+    def _start_over(self, before: Odometry, odometry: Odometry) -> None:
+        """The clock has jumped back: of a robot that stayed, alone the clock was wrong."""
+        if self._queue.gate.is_continuous(before, odometry):
+            self.dropped.record("poses: clock jumped back, the robot stayed")
+            self._tracker.forget()
+        else:
+            self.dropped.record("poses: clock jumped back, localization starts over")
+            self._begin()
 
     def set_params(self, params: Params) -> None:
         """Go on with other parameters; the pose stays, and so does what was seen."""
@@ -150,8 +159,26 @@ class Localizer:
 
     @property
     def state(self) -> State:
-        """How sure the pose is."""
-        return self._tracker.health.state
+        """How sure the pose is; without one of its sources not more than DEGRADED."""
+        state = self._tracker.health.state
+        is_blind = state is State.TRACKING and bool(self._queue.silence.silent)
+        return State.DEGRADED if is_blind else state
+
+    @property
+    def lapse(self) -> str:
+        """Why the pose is less sure than the last registration left it; empty where it is not."""
+        deviation, limit = self.deviation[0], self._params.localization.degraded_deviation
+        grown = f"the deviation has grown to {deviation:.2f} m" if deviation > limit else ""
+        return "; ".join(filter(None, [self._queue.silence.told, grown]))
+
+    @property
+    def deviation(self) -> tuple[float, float]:
+        """Standard deviations of position [m] and yaw [rad] now."""
+        return self._tracker.estimate.deviation
+
+    def pass_time(self, now_ns: int) -> None:
+        """Let the time [ns] pass in which sources can fall silent, see `Silence`."""
+        self._queue.silence.pass_time(now_ns)
 
     @property
     def stamp_ns(self) -> int:
@@ -210,7 +237,7 @@ class Localizer:
         pose = np.asarray(xyz_yaw, np.float64)
         if pose.shape != (4,) or not np.isfinite(pose).all():
             raise ValueError(f"xyz_yaw: {pose} is not x, y, z, yaw")
-        self._initial_pose = self._waiting_pose = (pose, self._initial_covariance)
+        self._waiting_pose = pose, self._initial_covariance
 
     def request_search(self) -> bool:
         """Search the whole map for the robot; whether there is one."""
@@ -235,8 +262,7 @@ class Localizer:
         if odometry is None or odometry is before:
             return self._track(readings)
         if before is not None and odometry.stamp_ns < before.stamp_ns - JUMP_BACK_NS:
-            self.dropped.record("poses: clock jumped back, localization starts over")
-            self._start_over()
+            self._start_over(before, odometry)
             before = None
         elif self._queue.gate.jump not in (None, self._mended):
             self._mended = self._queue.gate.jump
@@ -251,6 +277,8 @@ class Localizer:
 
     def take_initial_pose(self, message: Any) -> None:
         """Take a geometry_msgs/PoseWithCovarianceStamped in: where the robot is now.
+
+        It holds until the next one, also where the clock jumps back and localization starts over.
 
         z is taken from the long-term map where it is known there, since RViz gives none. The
         covariance says how far around it is searched, at most ``registration.window_distance`` and
@@ -291,6 +319,7 @@ class Localizer:
         heading = float(se3.to_xyz_rpy(T_odom_base)[5])
         turn = se3.from_xyz_rpy([0.0, 0.0, 0.0, 0.0, 0.0, yaw - heading])
         turn[:3, 3] = np.array([x, y, z]) - turn[:3, :3] @ T_odom_base[:3, 3]
+        self._told_pose = turn, covariance
         self._tracker.set_pose(turn, covariance)
         self._waiting_pose = None
 

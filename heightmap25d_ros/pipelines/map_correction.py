@@ -36,10 +36,11 @@ class MapCorrection:
         self._gate.begin_anew()
         self._T_map_first = self._T_map_odom
 
-    def restart(self) -> None:
-        """Time started over."""
-        self._gate.restart()
-        self._T_map_first = self._T_map_odom
+    def restart(self, same_from_ns: int | None = None) -> None:
+        """Time started over; from a stamp [ns] on in the newest frame, or in the first one."""
+        self._gate.restart(same_from_ns)
+        if same_from_ns is None:
+            self._T_map_first = self._T_map_odom
 
     def T_map_odom(self, stamp_ns: int) -> se3.Matrix:
         """Pose (4, 4) of the odometry's frame of a stamp in the map."""

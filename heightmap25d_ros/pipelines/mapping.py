@@ -25,8 +25,15 @@ from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.input_watch import InputWatch
 from heightmap25d_ros.pipelines.scan_queue import Reading, ScanQueue
 from heightmap25d_ros.pipelines.self_check import Finding, findings_of_drive
+from heightmap25d_ros.pipelines.silence import LOCALIZATION, Silence
 from heightmap25d_ros.terrain.obstacle_grid import ObstacleGrid
 from heightmap25d_ros.terrain.traversability import ObstacleMap
+
+GIVEN_UP = 60
+"""Timeouts of silence after which localization is given up, and mapping goes on without it.
+
+A node that searches a large map may be silent for many seconds, and is lost meanwhile.
+"""
 
 _SCRATCH_EXTENT = 32.0  # [m] of a grid that is thrown away
 
@@ -91,7 +98,8 @@ class Mapping:
         self.dropped = Drops()
         self._queue = ScanQueue(params.intake, self.dropped, params.odometry)
         self._correction_ns = self._tracking_ns = -1
-        self._is_lost = False
+        self._is_lost = self._is_localized = False
+        self._silence = Silence([LOCALIZATION], params.intake.timeout)
         self._layers: LocalizationLayers | None = None
         self.clear()
 
@@ -193,13 +201,39 @@ class Mapping:
             self._resume()
 
     def take_localization_status(self, message: Any) -> None:
-        """Take a heightmap25d_msgs/LocalizationStatus in: a lost robot does not map."""
+        """Take a heightmap25d_msgs/LocalizationStatus in: a lost robot does not map.
+
+        From now on mapping relies on localization, see `pass_time`.
+        """
+        self._is_localized = True
+        self._silence.hear(LOCALIZATION)
         self._is_lost = message.state == message.LOST
         stamp = self.dropped.decoded("localization", lambda m: decode.stamp_ns(m.header), message)
         self._tracking_ns = -1
         if stamp is not None and message.state == message.TRACKING:
             self._tracking_ns = stamp
             self._resume()
+
+    def pass_time(self, now_ns: int) -> None:
+        """Let the time [ns] pass in which localization can fall silent, see `Silence`.
+
+        After ``intake.timeout`` mapping pauses, whatever the last status was. After `GIVEN_UP`
+        times as long localization is taken for gone: mapping goes on with the last correction, as
+        it does where there has never been a localization, until the next status.
+        """
+        self._silence.pass_time(now_ns)
+        limit = GIVEN_UP * self._params.intake.timeout
+        if self._is_localized and self._silence.seconds(LOCALIZATION) > limit:
+            self._is_localized = self._is_lost = False
+            self.dropped.notice(
+                f"localization has been silent for {limit:g} s: mapping goes on without it, with "
+                "its last correction"
+            )
+
+    @property
+    def _is_paused(self) -> bool:
+        """Whether localization is relied on, and silent."""
+        return self._is_localized and bool(self._silence.silent)
 
     def settle(self) -> list[Reading]:
         """Merge what has its poses now, without waiting for the other lasers."""
@@ -275,6 +309,8 @@ class Mapping:
     @property
     def trouble(self) -> str:
         """Why nothing is mapped now; empty where something can be."""
+        if self._is_paused:
+            return f"not mapping: {self._silence.told}"
         if self._queue.gate.unknown_since_ns is None or self._queue.gate.jump is None:
             return ""
         return (
@@ -298,6 +334,9 @@ class Mapping:
         """The readings of a known pose in the map; the others are counted."""
         if self._is_lost:
             self.dropped.record("scan: localization is lost", count=len(readings))
+            return []
+        if self._is_paused:
+            self.dropped.record("scan: localization is silent", count=len(readings))
             return []
         known = [r for r in readings if self._queue.gate.is_known(r.scan.stamp_ns)]
         unknown = len(readings) - len(known)

@@ -91,13 +91,20 @@ class OdometryGate:
         self._bridge_ns = round(params.bridge_time * 1e9)
         self.restart()
 
-    def restart(self) -> None:
-        """Time started over: nothing of before counts."""
-        self.jump: Jump | None = None
+    def restart(self, same_from_ns: int | None = None) -> None:
+        """Time started over: nothing of before counts.
+
+        From a stamp [ns] on the odometry's frame is the newest one of before, where one is given.
+        """
+        if same_from_ns is None:
+            self.jump: Jump | None = None
+            self._frames = [_Frame(begin_ns=0, T_first_odom=np.eye(4))]
+        else:
+            newest = self._frames[-1]
+            self._frames = [replace(newest, begin_ns=min(newest.begin_ns, same_from_ns))]
         self._last: Odometry | None = None
         self._previous: Odometry | None = None
         self._suspect: tuple[Odometry, str] | None = None
-        self._frames = [_Frame(begin_ns=0, T_first_odom=np.eye(4))]
         self._gaps: deque[tuple[int, int]] = deque(maxlen=_MOST)
 
     def refusal(self, odometry: Odometry, base_frame: str) -> tuple[str, str] | None:
@@ -153,6 +160,10 @@ class OdometryGate:
         else:
             self._begin_frame(last, first, second, detail)
         return [*self._use(first), *self._use(second)]
+
+    def is_continuous(self, a: Odometry, b: Odometry) -> bool:
+        """Whether a robot can have both poses in hardly any time, whatever their stamps say."""
+        return self._strain(a.T, b.T, 0)[0] <= 1.0
 
     def finish(self) -> None:
         """What still waits is skipped."""

@@ -20,6 +20,7 @@ from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.map_frames import MapFrames
 from heightmap25d_ros.pipelines.mission import Mission, best_direction
+from heightmap25d_ros.pipelines.silence import ODOMETRY, Silence
 from heightmap25d_ros.pipelines.transform_buffer import Missing
 from heightmap25d_ros.planning.graph import transition_graph
 from heightmap25d_ros.planning.plan import Plan, Pose2D, Status
@@ -53,6 +54,7 @@ class Planning:
         self.dropped = Drops()
         self._params = params
         self._frames = MapFrames(params, self.dropped)
+        self._silence = Silence([ODOMETRY], params.intake.timeout)
         self._height_map: HeightMap | None = None
         self._planner: Planner | None = None
         self._waiting_goal: Odometry | None = None
@@ -75,7 +77,22 @@ class Planning:
         """Take a pose of the robot, see `robot_pose`; a plan where the robot has left the path."""
         if not self._frames.take_odometry(message):
             return None
+        self._silence.hear(ODOMETRY)
         return self._began() if self._waiting_goal is not None else self._followed()
+
+    def pass_time(self, now_ns: int) -> None:
+        """Let the time [ns] pass in which the odometry can fall silent, see `Silence`."""
+        self._silence.pass_time(now_ns)
+
+    @property
+    def staleness(self) -> str:
+        """Why the path is not looked after: nobody knows where the robot is; else empty."""
+        is_followed = self._mission is not None and self._mission.plan.found
+        return (
+            f"the plan is stale: {self._silence.told}"
+            if is_followed and self._silence.silent
+            else ""
+        )
 
     def take_correction(self, message: Any) -> None:
         """Take a geometry_msgs/PoseWithCovarianceStamped: the pose of odom in the map."""

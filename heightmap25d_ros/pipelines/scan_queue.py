@@ -28,6 +28,7 @@ from heightmap25d_ros.pipelines.input_watch import InputWatch
 from heightmap25d_ros.pipelines.map_correction import MapCorrection
 from heightmap25d_ros.pipelines.odometry_gate import OdometryGate
 from heightmap25d_ros.pipelines.robot_pose import robot_pose
+from heightmap25d_ros.pipelines.silence import ODOMETRY, Silence
 from heightmap25d_ros.pipelines.transform_buffer import JUMP_BACK_NS, Missing, TransformBuffer
 
 _MOST_FRAMES = 1000  # without mount that are remembered: each scan may name a new one
@@ -109,6 +110,8 @@ class ScanQueue:
     gate : OdometryGate
     correction : MapCorrection
     watch : InputWatch
+    silence : Silence
+        Of the odometry and each laser; whoever uses it lets the time pass.
     odometry : Odometry or None
         The newest pose of the robot.
     """
@@ -136,6 +139,7 @@ class ScanQueue:
             self._fixed_mounts = dict(zip(params.scan_topics, mounts[:, None], strict=True))
         self.gate = OdometryGate(odometry or OdometryParams(), self.dropped)
         self.watch = InputWatch()
+        self.silence = Silence([ODOMETRY, *params.scan_topics], params.timeout)
         self.correction = MapCorrection(self.gate, is_bridging=is_bridging)
         self._odom_frame = ""
         self._odom_stamp_ns = -1
@@ -183,6 +187,7 @@ class ScanQueue:
             self.dropped.record("scan: stamp seen before")
         else:
             insort(self._waiting, waiting, key=lambda w: w.order)
+            self.silence.hear(topic)
         return self._release()
 
     def add_odometry(self, odometry: Odometry) -> list[Reading]:
@@ -192,13 +197,14 @@ class ScanQueue:
             self.dropped.record(*refusal)
             return []
         if odometry.stamp_ns < self._odom_stamp_ns:
-            self._start_over(odometry.stamp_ns)
+            self._start_over(odometry)
         for admitted in self.gate.admit(odometry):
             stamp, frame = admitted.stamp_ns, admitted.frame_id
             for topic in self._params.scan_topics:
                 self._newest_ns.setdefault(topic, stamp - 1)
             self.odometry, self._odom_frame, self._odom_stamp_ns = admitted, frame, stamp
             self.watch.observe_odometry(admitted)
+            self.silence.hear(ODOMETRY)
             child = admitted.child_frame_id
             self._odometry.add([Transform(parent=frame, child=child, stamp_ns=stamp, T=admitted.T)])
         return self._release()
@@ -226,9 +232,12 @@ class ScanQueue:
         self.gate.finish()
         return self._release(is_end=True)
 
-    def _start_over(self, stamp_ns: int) -> None:
+    def _start_over(self, odometry: Odometry) -> None:
+        """The clock jumped back; where the robot stayed, alone the clock was wrong."""
+        stamp_ns, before = odometry.stamp_ns, self.odometry
         self.dropped.record("poses: clock jumped back")
-        self.correction.restart()
+        has_stayed = before is not None and self.gate.is_continuous(before, odometry)
+        self.correction.restart(stamp_ns if has_stayed else None)
         self._forget_waiting(self._params.scan_topics, after_ns=stamp_ns)
         self._transforms.forget_after(stamp_ns + JUMP_BACK_NS)
         self._newest_ns = {topic: min(ns, stamp_ns - 1) for topic, ns in self._newest_ns.items()}

@@ -14,7 +14,14 @@ from enum import Enum
 
 from heightmap25d_ros.pipelines import odometry_gate
 from heightmap25d_ros.pipelines.drops import Drops
-from heightmap25d_ros.pipelines.input_watch import AT_MAX, BELOW, BEYOND, RETURNS, InputWatch
+from heightmap25d_ros.pipelines.input_watch import (
+    AT_MAX,
+    BELOW,
+    BEYOND,
+    REPEATED,
+    RETURNS,
+    InputWatch,
+)
 
 FLAT_FROM = 20
 """Messages of odometry from which on exact zeros are no accident."""
@@ -55,6 +62,7 @@ class Problem(Enum):
     AT_MAX = "returns at exactly range_max"
     SWEEP = "scans last too long"
     OFFSET = "stamps do not go together"
+    STUCK = "scans repeat"
     UNUSED = "few scans are used"
 
 
@@ -102,7 +110,7 @@ class Observed:
     used : int, optional
         How many scans were used; None where the node uses none.
     ranges : mapping of str to int
-        How many returns lie where, as `InputWatch` counts them.
+        How many returns lie where, and scans that are repeated, as `InputWatch` counts them.
     examples : mapping of str to str
         Numbers to these, and to the reasons.
     sweep, offset : str
@@ -123,7 +131,7 @@ class Observed:
 
 def with_watch(observed: Observed, watch: InputWatch, dropped: Drops) -> Observed:
     """The same, with what a pipeline noticed about its scans."""
-    examples = dropped.examples | {p: watch.example(p) for p in (BEYOND, BELOW, AT_MAX)}
+    examples = dropped.examples | {p: watch.example(p) for p in (BEYOND, BELOW, AT_MAX, REPEATED)}
     return replace(
         observed,
         used=watch.used,
@@ -209,6 +217,9 @@ def findings(observed: Observed) -> list[Finding]:
     if is_unused and observed.scans >= ENOUGH and not scans:
         found.append(Finding(Problem.UNUSED, f"{observed.used} of {observed.scans}"))
     found += _of_ranges(observed)
+    if observed.ranges.get(REPEATED):
+        told = f"while the robot moved; {observed.examples.get(REPEATED, '')}"
+        found.append(Finding(Problem.STUCK, told))
     jumps = {reason: observed.dropped.get(reason, 0) for reason in odometry_gate.JUMPS}
     if any(jumps.values()):
         found.append(Finding(Problem.JUMPS, _counted(jumps, observed.examples)))

@@ -30,6 +30,8 @@ DEEPEST = 100
 MOST_FRAMES = 1000
 """Moving frames that nobody asked for, of which a little is kept; and static ones, in tens."""
 
+_SAME = 1e-3  # [m, 1] up to which two transforms say the same
+
 _KEPT = 64  # transforms of a frame that nobody has asked for
 
 JUMP_BACK_NS = 1_000_000_000
@@ -113,6 +115,8 @@ class TransformBuffer:
         self._edges: dict[str, _Edge] = {}
         self._missed: set[str] = set()  # frames that were asked for, and have no parent yet
         self._unread: dict[str, deque[Any]] = {}
+        self._contradicted: set[str] = set()  # static frames, of which that has been told
+        self._refused: dict[str, dict[str, int]] = {}  # what stood in a frame's way, and its stamps
 
     def take(self, message: Any, *, is_static: bool) -> list[Transform]:
         """Take a tf2_msgs/TFMessage; what of it is used at once.
@@ -128,10 +132,12 @@ class TransformBuffer:
             stamped = [one for one in stamped if self._is_used(one)]
         return self._decoded(stamped, is_static=is_static) if stamped else []
 
-    def _decoded(self, stamped: Iterable[Any], *, is_static: bool) -> list[Transform]:
+    def _decoded(
+        self, stamped: Iterable[Any], *, is_static: bool, is_displacing: bool = True
+    ) -> list[Transform]:
         transforms = self._dropped.decoded("transforms", decode.transforms, stamped) or []
         try:
-            self.add(transforms, is_static=is_static)
+            self.add(transforms, is_static=is_static, is_displacing=is_displacing)
         except InputError as error:
             fault = str(error).rpartition(": ")[2]
             self._dropped.record(f"transforms: {fault}", str(error))
@@ -152,17 +158,30 @@ class TransformBuffer:
         unread.append(stamped)
         return False
 
-    def add(self, transforms: Iterable[Transform], *, is_static: bool = False) -> None:
+    def add(
+        self,
+        transforms: Iterable[Transform],
+        *,
+        is_static: bool = False,
+        is_displacing: bool = True,
+    ) -> None:
         """Take transforms in, in any order of stamps; of equal stamps the first one stays.
 
         A frame that comes with another parent moves there and its past is forgotten. So is the
-        past of a frame whose stamps jump back by more than `JUMP_BACK_NS`.
+        past of a frame whose stamps jump back by more than `JUMP_BACK_NS`. A static frame stays
+        where it is, whatever is said of it as a moving one; the first contradiction is counted.
+
+        A transform that would close a loop is refused, unless what stands in its way is weaker:
+        moving frames yield to a static one, to a moving one if it comes twice while they are not
+        heard, and a static transform to its own reverse.
 
         Parameters
         ----------
         transforms : iterable of Transform
         is_static : bool
             Whether they hold for all times, as those of /tf_static.
+        is_displacing : bool
+            Whether what is weaker yields to them.
 
         Raises
         ------
@@ -172,8 +191,14 @@ class TransformBuffer:
         faults = []
         for transform in transforms:
             child, edge = transform.child, self._edges.get(transform.child)
-            if edge is None or edge.parent != transform.parent or is_static or edge.is_static:
-                fault = self._fault(transform)
+            if edge is not None and edge.is_static and not is_static:
+                self._hold_against(edge, transform)
+                continue
+            if edge is None or edge.parent != transform.parent or is_static:
+                loop = self._loop(transform)
+                if loop and is_displacing:
+                    loop = self._cut(transform.child, loop, is_static=is_static)
+                fault = "closes a loop" if loop is not None else self._too_many(child)
                 if fault:
                     faults.append(f"transform {transform.parent} -> {child}: {fault}")
                     continue
@@ -184,17 +209,47 @@ class TransformBuffer:
         if faults:
             raise InputError(faults[0])
 
-    def _fault(self, transform: Transform) -> str:
-        """Why a frame cannot have a parent."""
-        frame = transform.parent
-        for _ in range(DEEPEST):
-            if frame == transform.child:
-                return "closes a loop"
-            if frame not in self._edges:
-                break
-            frame = self._edges[frame].parent
-        is_new = transform.child not in self._edges
+    def _hold_against(self, edge: _Edge, transform: Transform) -> None:
+        """Count the first transform that contradicts a static one."""
+        is_same = edge.parent == transform.parent and np.allclose(
+            edge.poses[0], transform.T, atol=_SAME
+        )
+        if not is_same and transform.child not in self._contradicted:
+            self._contradicted.add(transform.child)
+            self._dropped.record(
+                "transforms: contradict a static one",
+                f"{transform.parent} -> {transform.child}; it is static in {edge.parent}",
+            )
+
+    def _too_many(self, child: str) -> str:
+        """Whether there is no room for a frame, in words."""
+        is_new = child not in self._edges
         return "too many frames" if is_new and len(self._edges) >= 10 * MOST_FRAMES else ""
+
+    def _loop(self, transform: Transform) -> list[str] | None:
+        """The frames whose transforms a transform would close to a loop; None if it does not."""
+        frames = [transform.parent]
+        while frames[-1] != transform.child:
+            edge = self._edges.get(frames[-1])
+            if edge is None or len(frames) > DEEPEST:
+                return None
+            frames.append(edge.parent)
+        return frames[:-1]
+
+    def _cut(self, child: str, loop: list[str], *, is_static: bool) -> list[str] | None:
+        """Forget what is weaker in a loop than a transform of a child; the loop if nothing is."""
+        moving = {f: self._edges[f].stamps[-1] for f in loop if not self._edges[f].is_static}
+        if is_static:
+            weaker = list(moving) or (loop if len(loop) == 1 else [])
+        else:
+            before, self._refused[child] = self._refused.get(child, {}), moving
+            weaker = [frame for frame, stamp in moving.items() if before.get(frame) == stamp]
+        for frame in weaker:
+            parent = self._edges.pop(frame).parent
+            self._dropped.record(
+                "transforms: closed a loop with a better one", f"{parent} -> {frame}"
+            )
+        return None if weaker else loop
 
     def forget_after(self, stamp_ns: int) -> None:
         """Forget the frames that move and reach beyond a stamp: time started over there."""
@@ -271,7 +326,8 @@ class TransformBuffer:
         unread = self._unread.pop(frame, ())
         if not unread and len(self._missed) < MOST_FRAMES:
             self._missed.add(frame)
-        self._decoded(unread, is_static=False)
+        # A lookup is under way, whose frames must stay.
+        self._decoded(unread, is_static=False, is_displacing=False)
         return self._edges.get(frame)
 
     def _down_to(

@@ -13,8 +13,9 @@ from heightmap25d_msgs.msg import LocalizationStatus
 from heightmap25d_ros import se3
 from heightmap25d_ros.localization.pose_filter import PoseFilter, SmoothCorrection
 from heightmap25d_ros.localization.registration import Reason, Registration
+from heightmap25d_ros.localization.tracker import Tracker
 from heightmap25d_ros.localization.tracking_state import Health, State
-from heightmap25d_ros.params.sections import LocalizationParams
+from heightmap25d_ros.params.sections import LocalizationParams, Params
 
 PARAMS = LocalizationParams()
 poses = st.tuples(
@@ -126,3 +127,18 @@ def test_what_says_nothing_loses_nobody_but_uncertainty_degrades(reason):
     assert health.state is State.TRACKING
     health.update(refused(reason), PARAMS.degraded_deviation + 0.01)
     assert health.state is State.DEGRADED
+
+
+def test_a_robot_that_drives_without_registrations_is_degraded_when_its_deviation_says_so():
+    tracker = Tracker(Params(), np.eye(4), np.diag([0.01, 0.01, 1e-6]))
+    tracker.health.begin(is_confirmed=True)
+    states = []
+    for x in np.arange(0.0, 20.0, 0.5):
+        tracker.move(se3.from_xyz_rpy([x, 0.0, 0.0, 0.0, 0.0, 0.0]))
+        states.append(
+            (tracker.estimate.deviation[0] > PARAMS.degraded_deviation, tracker.health.state)
+        )
+    assert {is_wide: state for is_wide, state in states} == {
+        False: State.TRACKING, True: State.DEGRADED,
+    }  # fmt: skip
+    assert len(set(states)) == 2

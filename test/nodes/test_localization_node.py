@@ -14,7 +14,7 @@ from bag_writer import laser_scan, odometry, rclpy_type
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from localization_bags import events_of, heights, map_of_another_drive, truth_of
-from node_client import LATCHED, PATIENCE, Client, mapping_node, replay, start
+from node_client import LATCHED, PATIENCE, Client, mapping_node, node_process, replay, start
 from repository import BAGS
 from scipy.ndimage import binary_dilation
 from std_srvs.srv import Trigger
@@ -66,7 +66,9 @@ def driven(room_map, tmp_path_factory):
     client.subscribe("height_grid", HeightGrid)
     localization = start(
         "nodes.localization", "--ros-args", *SCANS,
-        "-p", f"localization.map_directory:={room_map}", stderr=subprocess.PIPE,
+        "-p", f"localization.map_directory:={room_map}",
+        "-p", "intake.timeout:=30.0",  # the status is that of the drive
+        stderr=subprocess.PIPE,
     )  # fmt: skip
     try:
         with mapping_node(tmp_path_factory.mktemp("maps"), *SCANS):
@@ -217,6 +219,25 @@ def test_a_map_from_a_topic_an_initial_pose_and_a_search(room_map):
         _, log = process.communicate(timeout=PATIENCE)
         client.close()
     assert process.returncode == 0, log
+
+
+def test_the_status_goes_on_and_names_silent_sources():
+    client = Client("/deaf")
+    client.subscribe("/deaf/localization/status", LocalizationStatus)
+
+    def reason():
+        return client.newest["/deaf/localization/status"].reason
+
+    with node_process("localization", "-p", "intake.timeout:=0.5", namespace="/deaf"):
+        client.wait(lambda: "/deaf/localization/status" in client.newest)
+        client.wait(lambda: "nothing from odometry" in reason() and "from scan" in reason())
+        for step in range(12):
+            client.publish("odom", odometry(10**9 + step * 10**8, type_of=rclpy_type))
+            client.spin(0.1)
+        assert "nothing from scan" in reason()
+        assert "odometry" not in reason()
+        client.wait(lambda: "nothing from odometry" in reason())
+    client.close()
 
 
 def test_a_lost_robot_is_an_error_on_diagnostics(room_map):

@@ -9,6 +9,7 @@ import subprocess
 import numpy as np
 import pytest
 from bag_writer import odometry, rclpy_type
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped
 from grid_messages import CELL, grid
 from nav_msgs.msg import Path
@@ -16,6 +17,7 @@ from nav_msgs.srv import GetPlan
 from node_client import LATCHED, PATIENCE, Client, mapping_node, node_process, replay, start
 from rclpy.qos import DurabilityPolicy, qos_profile_sensor_data
 from repository import BAGS
+from rosgraph_msgs.msg import Clock
 
 from heightmap25d_msgs.msg import PlanStatus
 from heightmap25d_ros.evaluation.path_drivability import evaluate_path
@@ -24,6 +26,7 @@ from heightmap25d_ros.evaluation.truth import read_ground
 RAMP = BAGS / "ramp"
 LASERS = ("-p", "intake.scan_topics:=[scan, scan_down]")
 MS = 10**6
+STANDING = ("-p", "intake.timeout:=600.0")  # its odometry is published once
 
 
 def pose_stamped(x, y, yaw=0.0, frame="map"):
@@ -78,7 +81,7 @@ def after_the_ramp(tmp_path_factory):
     """`planning` behind `mapping`, when bags/ramp has been replayed into both."""
     client = Planner("")
     directory = tmp_path_factory.mktemp("maps")
-    with node_process("planning"), mapping_node(directory, *LASERS):
+    with node_process("planning", *STANDING), mapping_node(directory, *LASERS):
         for topic, count in (("odom", 2), ("height_grid", 1), ("scan", 1), ("scan_down", 1)):
             client.wait(lambda t=topic, n=count: client.node.count_subscribers(t) == n)
         played = replay(RAMP, "--rate", "2")  # what is lost at a stall, the map lacks
@@ -166,7 +169,7 @@ def test_get_plan_works_from_anywhere_to_anywhere(after_the_ramp):
 def test_an_obstacle_that_appears_on_the_path_leads_to_a_new_one():
     flat = np.zeros((80, 160))
     client = Planner("/blocked")
-    with node_process("planning", namespace="/blocked") as process:
+    with node_process("planning", *STANDING, namespace="/blocked") as process:
         client.show(grid(flat))
         client.stand(2.0, 5.0, 1000)
         path, status = client.goal(pose_stamped(18.0, 5.0))
@@ -200,7 +203,7 @@ def test_an_obstacle_that_appears_on_the_path_leads_to_a_new_one():
 
 def test_a_robot_that_leaves_the_path_gets_a_new_one():
     client = Planner("/strayed")
-    with node_process("planning", namespace="/strayed"):
+    with node_process("planning", *STANDING, namespace="/strayed"):
         client.show(grid(np.zeros((80, 160))))
         client.stand(2.0, 5.0, 1000)
         client.goal(pose_stamped(18.0, 5.0))
@@ -224,7 +227,7 @@ def test_no_message_ends_the_node_and_good_ones_still_count():
     turned = grid(np.zeros((80, 160)))
     turned.info.origin.orientation.z = turned.info.origin.orientation.w = math.sqrt(0.5)
     lost = odometry(900 * MS, (math.nan, 0.0, 0.0), type_of=rclpy_type)
-    with node_process("planning", namespace="/abused") as process:
+    with node_process("planning", *STANDING, namespace="/abused") as process:
         _, status = client.goal(pose_stamped(18.0, 5.0))
         assert status.code == PlanStatus.UNKNOWN
         assert status.reason == "no map has come yet; the goal is kept"
@@ -266,7 +269,7 @@ def test_a_misspelt_parameter_is_refused():
 def test_best_effort_odometry_without_a_child_frame_and_goals_in_the_robots_frame():
     overrides = ("-p", "qos_overrides./odd/plan.publisher.durability:=volatile")
     client = Planner("/odd")
-    with node_process("planning", *overrides, namespace="/odd") as process:
+    with node_process("planning", *STANDING, *overrides, namespace="/odd") as process:
         client.show(grid(np.zeros((80, 160))))
         message = odometry(MS, (2.0, 5.0, 0.0), child_frame_id="", type_of=rclpy_type)
         client.publish("odom", message, qos_profile_sensor_data)
@@ -282,3 +285,28 @@ def test_best_effort_odometry_without_a_child_frame_and_goals_in_the_robots_fram
         assert publisher.qos_profile.durability is DurabilityPolicy.VOLATILE
         client.spin(5.5)  # until it reports
     assert process.log.count("taken for 'base_link'") == 1
+
+
+def test_a_plan_is_stale_while_the_odometry_is_silent_by_the_nodes_clock():
+    client = Planner("/silent")
+    with node_process("planning", "-p", "use_sim_time:=true", namespace="/silent"):
+        client.show(grid(np.zeros((80, 160))))
+        client.stand(2.0, 5.0, 1000)
+        path, status = client.goal(pose_stamped(18.0, 5.0))
+        assert status.code == PlanStatus.NONE
+        client.spin(1.5)  # the clock stands
+        assert len(client.statuses) == 1
+        for tenths in range(15):
+            client.publish("/clock", Clock(clock=Time(sec=100, nanosec=tenths * 100 * MS)))
+            client.spin(0.05)
+        client.wait(lambda: len(client.statuses) == 2)
+        stale = client.statuses[-1]
+        assert stale.code == PlanStatus.TF_ERROR
+        assert "nothing from odometry" in stale.reason
+        assert stale.length == status.length
+        client.stand(2.0, 5.0, 2000)
+        client.publish("/clock", Clock(clock=Time(sec=102)))
+        client.wait(lambda: len(client.statuses) == 3)
+        assert (client.statuses[-1].code, client.statuses[-1].reason) == (PlanStatus.NONE, "")
+        assert client.plans == [path]
+    client.close()

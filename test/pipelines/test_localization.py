@@ -200,6 +200,44 @@ def test_a_bag_that_loops_starts_over(start, room):
     np.testing.assert_allclose(twice.poses[half:], once.poses, atol=0.02)
 
 
+def states_in_time(events, room):
+    """[s] and state after each event, by a clock that runs with the events."""
+    localizer = Localizer(PARAMS)
+    localizer.set_long_term(room)
+    states = []
+    for event in events:
+        localizer.pass_time(event.stamp_ns)
+        feed(localizer, event.topic, event.message)
+        states.append((_seconds(event, events), localizer.state))
+    return states
+
+
+def test_three_seconds_of_useless_odometry_are_noticed_and_over_by_themselves(start, room):
+    disturbed = []
+    for event in start:
+        if event.topic == "/odom" and 5.0 <= _seconds(event, start) < 8.0:
+            message = copy.deepcopy(event.message)
+            message.pose.pose.position.x = np.nan
+            event = event._replace(message=message)  # noqa: PLW2901
+        disturbed.append(event)
+    states = states_in_time(disturbed, room)
+    assert {state for s, state in states if 4.0 < s < 5.9} == {State.TRACKING}
+    assert {state for s, state in states if 6.1 < s < 7.9} == {State.DEGRADED}
+    assert states[-1][1] is State.TRACKING
+
+
+def test_driving_without_scans_is_degraded_and_over_by_itself(start, room):
+    blind = [e for e in start if e.topic not in SCANS or not 4.0 <= _seconds(e, start) < 7.0]
+    states = states_in_time(blind, room)
+    assert {state for s, state in states if 3.0 < s < 4.9} == {State.TRACKING}
+    assert {state for s, state in states if 5.1 < s < 6.9} == {State.DEGRADED}
+    assert states[-1][1] is State.TRACKING
+
+
+def _seconds(event, events):
+    return (event.stamp_ns - events[0].stamp_ns) * 1e-9
+
+
 def initial_pose(xyz, yaw, covariance=None, frame_id="map"):
     """geometry_msgs/PoseWithCovarianceStamped as RViz sends it."""
     pose = odometry(0, xyz, (0.0, 0.0, np.sin(yaw / 2), np.cos(yaw / 2)), frame_id)

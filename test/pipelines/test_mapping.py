@@ -309,6 +309,25 @@ def test_a_jump_is_bridged_and_the_map_goes_on_where_it_was():
     assert "300 m in 0.02 s" in str(jumped.dropped)
 
 
+def test_one_odd_stamp_does_not_undo_what_was_bridged():
+    m = mapping()
+    drive(m, 0, 1000)
+    drive(m, 1000, 2000, x=300.0)
+    m.take_odometry(pose(12_000, x=302.0))
+    assert drive(m, 2020, 3000, x=300.0) > 40
+    assert m.T_map_odom[0, 3] == pytest.approx(-300.0)
+    assert m.dropped["poses: clock jumped back"] == 1
+    assert max(x for x, _ in heights(m)) < 6.0
+
+
+def test_one_odd_stamp_does_not_make_an_unknown_pose_known():
+    m, before = lost_after_a_jump()
+    m.take_odometry(pose(14_000, x=304.0))
+    drive(m, 4020, 5000, x=300.0)
+    assert "not mapping: the odometry jumped" in m.trouble
+    assert heights(m) == before
+
+
 def test_mapping_stops_where_the_robot_may_have_moved():
     lost_after_a_jump()
 

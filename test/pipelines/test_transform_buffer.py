@@ -159,17 +159,91 @@ def test_a_new_parent_takes_the_frame_with_it():
     assert buffer.lookup("c", "b", at(1.0))[0, 0, 3] == 7.0
 
 
-def test_static_and_moving_follow_one_another():
-    buffer = buffer_of(transform("a", "b", 1.0), static=[transform("a", "b")])
-    assert buffer.lookup("a", "b", at(9.0)) is Missing.NOT_YET
-    buffer.add([transform("a", "b", 0.0, (3, 0, 0, 0, 0, 0))], is_static=True)
-    assert buffer.lookup("a", "b", at(9.0))[0, 0, 3] == 3.0
+LASER = transform("base", "laser", 0.0, (3, 0, 0, 0, 0, 0))
+BAD = {
+    "the wrong way round": ("laser", "base"),
+    "another parent": ("arm", "laser"),
+    "another pose": ("base", "laser"),
+}
+
+
+def mount(buffer, seconds):
+    T = buffer.lookup("base", "laser", at(seconds))
+    return T if isinstance(T, Missing) else T[0, 0, 3]
+
+
+@pytest.mark.parametrize("bad", BAD.values(), ids=BAD)
+def test_a_static_mount_stays_whatever_is_said_of_it_as_a_moving_one(bad):
+    dropped = Drops()
+    buffer = TransformBuffer(max_gap=1.0, dropped=dropped)
+    buffer.add([LASER], is_static=True)
+    assert mount(buffer, 1.0) == 3.0
+    for step in range(20):
+        buffer.take(message(*bad, 0.1 * step, 5.0), is_static=False)
+        assert mount(buffer, 0.1 * step) == 3.0
+    (reason,) = dropped
+    assert f"{bad[0]} -> {bad[1]}" in dropped.examples[reason]
+    if bad[1] == "laser":
+        assert dropped == {"transforms: contradict a static one": 1}
+
+
+def test_what_says_the_same_as_a_static_one_is_no_contradiction():
+    dropped = Drops()
+    buffer = TransformBuffer(max_gap=1.0, dropped=dropped)
+    buffer.add([LASER], is_static=True)
+    buffer.take(message("base", "laser", 1.0, 3.0), is_static=False)
+    assert mount(buffer, 9.0) == 3.0
+    assert not dropped
+
+
+@pytest.mark.parametrize("is_bad_static", [False, True])
+@pytest.mark.parametrize("bad", BAD.values(), ids=BAD)
+def test_a_static_mount_takes_effect_after_a_bad_one(bad, is_bad_static):
+    buffer = buffer_of()
+    buffer.add([transform(*bad, 1.0, (5, 0, 0, 0, 0, 0))], is_static=is_bad_static)
+    assert mount(buffer, 1.0) != 3.0
+    buffer.add([LASER], is_static=True)
+    assert mount(buffer, 9.0) == 3.0
+
+
+@pytest.mark.parametrize("bad", BAD.values(), ids=BAD)
+def test_a_moving_mount_takes_effect_after_a_bad_one(bad):
+    buffer = buffer_of()
+    mount(buffer, 0.0)
+    buffer.take(message(*bad, 0.0, 5.0), is_static=False)
+    for step in range(1, 12):
+        buffer.take(message("base", "laser", 0.1 * step, 3.0), is_static=False)
+    assert mount(buffer, 1.05) == 3.0
+
+
+def test_a_moving_mount_that_is_heard_stays_beside_its_reverse():
+    buffer = buffer_of()
+    mount(buffer, 0.0)
+    for step in range(12):
+        buffer.take(message("base", "laser", 0.1 * step, 3.0), is_static=False)
+        if step % 2:
+            buffer.take(message("laser", "base", 0.1 * step, 5.0), is_static=False)
+    assert mount(buffer, 1.05) == 3.0
+    np.testing.assert_array_equal(buffer.lookup("base", "laser", at(0.15))[0, 0, 3], 3.0)
+
+
+def test_a_loop_that_is_read_in_a_lookup_displaces_nothing():
+    buffer = TransformBuffer(max_gap=1.0)
+    for step in range(3):
+        for parent, child in (("a", "b"), ("b", "c"), ("c", "a")):
+            buffer.take(message(parent, child, 0.1 * step), is_static=False)
+    for target, source in (("a", "other"), ("c", "a"), ("b", "c"), ("a", "b")):
+        buffer.lookup(target, source, at(0.1))
+    assert not isinstance(buffer.lookup("c", "a", at(0.1)), Missing)
 
 
 @pytest.mark.parametrize(
-    "loop", [("b", "a"), ("c", "a"), ("a", "a"), ("new", "new")], ids="->".join
-)
-@pytest.mark.parametrize("is_static", [False, True])
+    ("loop", "is_static"),
+    [
+        (("b", "a"), False), (("c", "a"), False), (("c", "a"), True), (("a", "a"), False),
+        (("a", "a"), True), (("new", "new"), False), (("new", "new"), True),
+    ],
+)  # fmt: skip
 def test_a_loop_is_refused_and_the_rest_is_taken(loop, is_static):
     buffer = buffer_of(static=[transform("a", "b"), transform("b", "c", 0.0, (1, 0, 0, 0, 0, 0))])
     with pytest.raises(InputError, match=f"{loop[0]} -> {loop[1]}"):
