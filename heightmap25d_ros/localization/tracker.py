@@ -46,6 +46,7 @@ from heightmap25d_ros.params.sections import Params
 
 _FOUND_COVARIANCE = np.diag([0.15**2, 0.15**2, 0.03**2])  # of a pose found in the whole map
 _MOST_HYPOTHESES = 16
+_LEAST_KNOWN = 0.8  # share of the points over known cells, for several hypotheses
 _SEARCH_INTERVAL = 1.0  # [m] travelled between two searches of the whole map
 _REPEATED = 0.1  # [m] between what two short-term maps propose one after the other
 
@@ -376,8 +377,9 @@ class Tracker:
             return None
         found = under_way.search.result
         self._search = None
-        # Several are told apart by scans.
-        most = 1 if self.landmarks is None else _MOST_HYPOTHESES
+        # Several are told apart by scans, where the map knows nearly all that the robot sees.
+        can_be_told = self.landmarks is not None and found.known >= _LEAST_KNOWN
+        most = _MOST_HYPOTHESES if can_be_told else 1
         is_one_right = found.is_accepted or found.reason is Reason.AMBIGUOUS
         if is_one_right and found.is_complete and len(found.candidates) <= most:
             estimates = self._found_estimates(found, under_way)
