@@ -35,7 +35,9 @@ def drive(*, scan_delay=0, frame="odom", steps=2 * HALF, sway=0.001):
             ("/odom", stamp, odometry(stamp, (x, 0.0, sway * (index % 2)), frame_id=frame))
         )
         wall = (6.0 - x) / np.cos(ANGLES)
-        for topic, ranges, laser in (("/scan", wall, "level"), ("/scan_down", ground, "down")):
+        # No laser measures the same twice.
+        floor = ground * (1.0 + 1e-5 * (index % 2))
+        for topic, ranges, laser in (("/scan", wall, "level"), ("/scan_down", floor, "down")):
             scan = laser_scan(stamp + scan_delay, ranges, laser)
             events.append((topic, stamp + scan_delay, scan))
     return events
