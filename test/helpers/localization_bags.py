@@ -81,9 +81,10 @@ def drive(
     *,
     params: Params = PARAMS,
     begin: Callable[[Localizer], None] = lambda localizer: None,
+    search_slice: float = np.inf,
 ) -> Drive:
     """Give events to a localizer."""
-    localizer = Localizer(params)
+    localizer = Localizer(params, search_slice)
     if long_term is not None:
         localizer.set_long_term(long_term)
     begin(localizer)

@@ -93,8 +93,10 @@ def begin_far_off(localizer):
     localizer.begin_at(np.array([4.0, 2.0, 0.5, 2.0]))
 
 
-def test_a_wrong_initial_pose_is_noticed_and_mended(start, room):
-    driven = drive(start, room, begin=begin_far_off)
+@pytest.mark.parametrize("search_slice", [np.inf, 0.002])
+def test_a_wrong_initial_pose_is_noticed_and_mended(start, room, search_slice):
+    """The whole map is searched, at once or while scans go on to come."""
+    driven = drive(start, room, begin=begin_far_off, search_slice=search_slice)
     kinds = {attempt.kind for attempt in driven.attempts}
     assert State.LOST in driven.states
     assert {Kind.SEARCH, Kind.CONFIRMATION} <= kinds
