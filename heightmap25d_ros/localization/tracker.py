@@ -155,6 +155,7 @@ class Tracker:
         self.health = Health(params.localization)
         self.jumps = 0
         self.estimate: Estimate
+        self._hypotheses: Hypotheses | None
         self._params, self._search_slice = params, search_slice
         self._short_term = ShortTermMaps(params)
         self._T_odom_base: se3.Matrix | None = None
@@ -175,6 +176,9 @@ class Tracker:
             self._params.scan_filter.enabled and self._params.registration.method != "paper"
         )
         self.surface, self.landmarks = surface, landmarks if uses_scans else None
+        if self.landmarks is None and self._hypotheses is not None and len(self._hypotheses) > 1:
+            self._hypotheses = None  # nothing tells them apart any more: they are searched anew
+            self._search_distance = -np.inf
         self.estimate = self._estimate_at(self.estimate.T_map_odom, self.estimate.covariance)
 
     def _estimate_at(self, T_map_odom: se3.Matrix, covariance: Array) -> Estimate:
@@ -189,7 +193,7 @@ class Tracker:
         self.health.begin()
         self.jumps += 1
         self._search: _Search | None = None
-        self._hypotheses: Hypotheses | None = None
+        self._hypotheses = None
         self._confirmed = self._refused = 0
         self._proposed: se3.Matrix | None = None
         self._attempt_distance = self._search_distance = -np.inf

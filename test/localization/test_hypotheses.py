@@ -6,12 +6,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from landmark_worlds import Wall, ground_returns, landmarks_seen_by, wall_returns
+from landmark_worlds import Wall, beams_to, ground_returns, mapped, wall_returns
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.localization.hypotheses import Hypotheses
+from heightmap25d_ros.localization.landmarks import landmarks_of
 from heightmap25d_ros.localization.pose_filter import PoseFilter
 from heightmap25d_ros.localization.scan_filter import ScanFilter, unknown_errors
+from heightmap25d_ros.localization.surface import surface_of
+from heightmap25d_ros.localization.tracker import Tracker
 from heightmap25d_ros.params.sections import LocalizationParams, Params
 
 PARAMS = Params()
@@ -32,14 +35,18 @@ def returns_in(x: float, rng, count: int, *, has_walls: bool):
     ])  # fmt: skip
 
 
-def rooms(*, is_second_known: bool = True, is_second_equal: bool = False):
-    """Landmarks of a room with walls at x = 0, and of one like it, or without, at `APART`."""
+def mapped_rooms(*, is_second_known: bool = True, is_second_equal: bool = False):
+    """Map and layers of a room with walls at x = 0, and of one like it, or without, at `APART`."""
     rng = np.random.default_rng(1)
     first = returns_in(0.0, rng, 80000, has_walls=True)
     second = returns_in(APART, rng, 80000, has_walls=is_second_equal)
     if not is_second_known:
         second = second[second[:, 0] < APART - 0.5]
-    return landmarks_seen_by(first, second)
+    return mapped(first, second)
+
+
+def rooms(**kinds: bool):
+    return landmarks_of(*mapped_rooms(**kinds))
 
 
 def poses(*xs: float) -> list[ScanFilter]:
@@ -113,3 +120,23 @@ def test_only_scans_tell_several_apart():
     estimate = PoseFilter(LocalizationParams(), np.eye(4), np.eye(3))
     with pytest.raises(TypeError, match="ScanFilter"):
         Hypotheses([estimate]).update(np.zeros((1, 3)), np.eye(4), rooms())
+
+
+def test_a_map_without_landmarks_that_comes_meanwhile_begins_the_search_anew():
+    height_map, layers = mapped_rooms(is_second_equal=True)
+    surface = surface_of(height_map, PARAMS.registration.edge_step)
+    tracker = Tracker(PARAMS, np.eye(4), np.diag(np.square([0.3, 0.3, 0.1])))
+    tracker.set_long_term(surface, landmarks_of(height_map, layers))
+    tracker.request_search()
+    weights = []
+    for k in range(60):
+        T_odom_base = se3.from_xyz_rpy([0.02 * k, 0, 0, 0, 0, 0])
+        tracker.move(T_odom_base)
+        seen = returns_in(0.0, np.random.default_rng(k), 1600, has_walls=True)
+        attempt = tracker.integrate(beams_to(seen), T_odom_base, k * 50_000_000)
+        if attempt is not None:
+            weights.append(len(attempt.weights))
+            if weights[-1] == 2:
+                tracker.set_long_term(surface, None)
+    assert 2 in weights
+    assert weights[-1] == 0
