@@ -22,7 +22,7 @@ from heightmap25d_ros.io.bag import Bag
 CLOCK_PERIOD_NS = 25_000_000
 """At most this much bag time [ns] lies between two messages on /clock."""
 
-SETTLED = 1.0
+SETTLED = 2.0
 """Subscribers are all there when for so long [s] no other one came."""
 
 ACKNOWLEDGED = 5.0
@@ -98,12 +98,16 @@ class Player:
             place = name if node.get_namespace() == "/" else name.lstrip("/")
             self.publishers[name] = node.create_publisher(kind, place, profile)
 
-    def wait_for_subscribers(self, seconds: float) -> list[str]:
-        """Wait until no more come, at most so long; the topics that nobody listens to."""
+    def wait_for_subscribers(self, seconds: float, *, to_all: bool) -> list[str]:
+        """Wait until no more come, at most so long; the topics that nobody listens to.
+
+        At least one must have come: to each of the topics, or to any.
+        """
         counts: list[int] = []
+        are_enough = all if to_all else any
         now = changed = time.monotonic()
         deadline = now + seconds
-        while now < deadline and not (any(counts) and now - changed > SETTLED):
+        while now < deadline and not (counts and are_enough(counts) and now - changed > SETTLED):
             latest = [p.get_subscription_count() for p in self.publishers.values()]
             if latest != counts:
                 counts, changed = latest, now

@@ -49,7 +49,8 @@ def _parser() -> argparse.ArgumentParser:
     add("--topics", nargs="+", action="extend", metavar="/T",
         help="publish only these, by their names in the bag (default: all)")  # fmt: skip
     add("--wait", type=not_negative, default=5.0, metavar="N",
-        help="seconds to wait at most for subscribers at first (default: 5)")  # fmt: skip
+        help="seconds to wait at most for subscribers at first, of each of --topics or of any "
+        "(default: 5)")  # fmt: skip
     return parser
 
 
@@ -84,7 +85,7 @@ def _run(node: Node, bag: Bag, options: argparse.Namespace) -> None:
         print(f"replay: types not installed, skipped: {', '.join(player.skipped)}")
     if options.wait:
         print(f"replay: waiting up to {options.wait:g} s for subscribers", flush=True)
-        unheard = player.wait_for_subscribers(options.wait)
+        unheard = player.wait_for_subscribers(options.wait, to_all=bool(options.topics))
         if unheard:
             print(f"replay: nobody listens to {', '.join(unheard)}", flush=True)
     began = time.monotonic()

@@ -18,7 +18,7 @@ from repository import ROOT
 from rosbags.interfaces import QosHistory
 from rosbags.rosbag2 import CompressionMode, StoragePlugin, Writer
 
-from heightmap25d_ros.nodes.replay import profile_of
+from heightmap25d_ros.nodes.player import SETTLED, profile_of
 
 START = 1_700_000_000 * 10**9
 MS = 10**6
@@ -87,7 +87,7 @@ class Listener:
     def stop(self):
         """What it heard: (topic, message) in order of arrival, and the publishers' profiles."""
         time.sleep(0.3)  # for what is not acknowledged
-        self._process.communicate(timeout=20)
+        self._process.communicate(timeout=60)
         heard = json.loads(self._file.read_text())
         self._file.unlink()
         return heard["arrivals"], heard["offers"]
@@ -112,8 +112,9 @@ def command(*arguments):
 
 
 def replay(*arguments):
+    waiting = "--wait", 60  # a busy machine takes its time
     return subprocess.run(
-        command(*arguments), capture_output=True, text=True, timeout=60, check=False
+        command(*waiting, *arguments), capture_output=True, text=True, timeout=120, check=False
     )
 
 
@@ -244,7 +245,7 @@ def test_sigterm_ends_it_as_well(recording):
     ) as process:
         assert "waiting" in process.stdout.readline()
         process.send_signal(signal.SIGTERM)
-        assert process.wait(timeout=5) == 0
+        assert process.wait(timeout=60) == 0
 
 
 @pytest.mark.parametrize(
@@ -259,6 +260,22 @@ def test_topics_can_be_chosen_and_renamed(recording, tmp_path, how):
         arrivals, _ = listener.stop()
     assert {topic for topic, _ in arrivals} == {"/front/scan"}
     assert heard_of(arrivals, "/front/scan") == [data for _, data in expected["/scan"]]
+
+
+def test_topics_that_are_chosen_must_all_be_listened_to(recording, tmp_path):
+    path, expected = recording
+    (tmp_path / "late").mkdir()
+    with listening(tmp_path, ["/odom"]), subprocess.Popen(
+        command(path, "--topics", "/odom", "/scan", "--wait", 60), stdout=subprocess.PIPE, text=True
+    ) as process:  # fmt: skip
+        assert "waiting" in process.stdout.readline()
+        time.sleep(SETTLED + 2.0)
+        assert process.poll() is None
+        with listening(tmp_path / "late", ["/scan"]) as late:
+            rest = process.stdout.read()
+            arrivals, _ = late.stop()
+    assert "nobody" not in rest
+    assert heard_of(arrivals, "/scan") == [data for _, data in expected["/scan"]]
 
 
 def test_types_that_are_not_installed_are_skipped_and_named(tmp_path):
