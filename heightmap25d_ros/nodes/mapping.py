@@ -42,7 +42,9 @@ class MappingNode(ManagedNode):
     """
 
     NAME = "mapping"
-    PARAMETERS = ("grid", "sensor", "mapper", "traversability", "intake", "odometry", "mapping")
+    PARAMETERS = (
+        "grid", "sensor", "mapper", "levels", "traversability", "intake", "odometry", "mapping",
+    )  # fmt: skip
 
     def inputs(self) -> list[Input]:
         """Lasers, poses, transforms, and what localization says."""

@@ -26,7 +26,8 @@ from heightmap25d_ros.pipelines.input_watch import InputWatch
 from heightmap25d_ros.pipelines.scan_queue import Reading, ScanQueue
 from heightmap25d_ros.pipelines.self_check import Finding, findings_of_drive
 from heightmap25d_ros.pipelines.silence import LOCALIZATION, Silence
-from heightmap25d_ros.terrain.obstacle_grid import ObstacleGrid
+from heightmap25d_ros.terrain.obstacle_grid import ObstacleGrid, with_other_heights
+from heightmap25d_ros.terrain.slices import LevelFollower, SurfaceStack
 from heightmap25d_ros.terrain.traversability import ObstacleMap
 
 GIVEN_UP = 60
@@ -43,7 +44,7 @@ def compile_kernels(params: Params) -> None:
 
     It takes seconds when nothing is cached: too long for a node whose messages queue up.
     """
-    scratch = HeightGrid(replace(params.grid, extent=_SCRATCH_EXTENT))
+    scratch = HeightGrid(replace(params.grid, extent=_SCRATCH_EXTENT), levels=params.levels)
     beam = np.array([[0.0, 0.0, 1.0]])
     Mapper(scratch, params.sensor, params.mapper).integrate(
         sensor_model.Beams(
@@ -101,6 +102,8 @@ class Mapping:
         self._is_lost = self._is_localized = False
         self._silence = Silence([LOCALIZATION], params.intake.timeout)
         self._layers: LocalizationLayers | None = None
+        self._robot: tuple[float, float, float] | None = None  # its position in the map
+        self._level = LevelFollower()
         self.clear()
 
     def clear(self, content: HeightMap | None = None, layers: LayerMap | None = None) -> None:
@@ -116,12 +119,12 @@ class Mapping:
             If the content does not fit the grid; the running map stays.
         """
         if content is None:
-            grid = HeightGrid(self._params.grid)
+            grid = HeightGrid(self._params.grid, levels=self._params.levels)
             self._queue.correction.begin_anew()
         else:
             x, y = content.geometry.cell_corner(np.floor_divide(content.geometry.shape, 2))
             anchor = (float(x), float(y), content.geometry.ground_zero)
-            grid = HeightGrid(self._params.grid, anchor)
+            grid = HeightGrid(self._params.grid, anchor, self._params.levels)
             grid.write(content)
         self._has_begun = False
         self._use_grid(grid)
@@ -253,6 +256,8 @@ class Mapping:
     def maps(self, max_cells: float | None = None) -> tuple[HeightMap, ObstacleMap]:
         """Height map and converted map of all that was observed; of an unknown tile at first.
 
+        The converted map is that of one level, see ``mapping.slice``.
+
         Where one wild pose has stretched it to more than ``mapping.max_cells``, what is far off and
         small is left out, see `HeightGrid.main_area`.
 
@@ -284,7 +289,23 @@ class Mapping:
             )
         memory.require(area.rows * area.columns * _BYTES_OF_MAPS, "the map")
         self._obstacles.update(self.grid, threshold)
-        return self.grid.read(threshold, area), self._obstacles.read(area)
+        height_map, obstacles = self.grid.read(threshold, area), self._obstacles.read(area)
+        if len(height_map.upper):
+            obstacles = with_other_heights(
+                obstacles, height_map, self._sliced(height_map), self._params.traversability
+            )
+        return height_map, obstacles
+
+    def _sliced(self, height_map: HeightMap) -> HeightMap:
+        """The level of ``mapping.slice``."""
+        stack = SurfaceStack(height_map, self._params.levels, self._params.traversability)
+        if self._params.mapping.slice == "lowest":
+            return stack.lowest().height_map
+        if self._params.mapping.slice == "top":
+            return stack.highest().height_map
+        place = self._robot
+        start = None if place is None else self._level.surface(stack, *place)
+        return (stack.lowest() if start is None else stack.followed(start)).height_map
 
     def layers(self, geometry: Geometry) -> LayerMap | None:
         """The localization layers of cells of the grid; None without them."""
@@ -359,14 +380,17 @@ class Mapping:
                 "return: more than 327 m from ground zero", count=result.out_of_range
             )
             self.dropped.record("return: beyond grid.extent", count=result.outside)
+            self.dropped.record("return: above levels.max_surfaces", count=result.surplus)
             self.stamp_ns = reading.scan.stamp_ns
+            self._robot = tuple(reading.T_map_base[-1][:3, 3].tolist())
         return readings
 
     def _begin(self, T_map_base: se3.Matrix) -> None:
         """Anchor an empty map at the robot, on ground that no laser sees under and around it."""
         if not self.grid.observed_cells:
             resolution = self._params.grid.resolution
-            self._use_grid(HeightGrid(self._params.grid, anchor_at(T_map_base[:3, 3], resolution)))
+            anchor = anchor_at(T_map_base[:3, 3], resolution)
+            self._use_grid(HeightGrid(self._params.grid, anchor, self._params.levels))
             radius = self._params.mapping.start_radius
             if radius > 0.0:
                 self._mapper.integrate(

@@ -18,13 +18,15 @@ from heightmap25d_ros.io import decode
 from heightmap25d_ros.io.decode import Odometry
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.drops import Drops
+from heightmap25d_ros.pipelines.level_map import LevelMap
 from heightmap25d_ros.pipelines.map_frames import MapFrames
 from heightmap25d_ros.pipelines.mission import Mission, best_direction
 from heightmap25d_ros.pipelines.silence import ODOMETRY, Silence
 from heightmap25d_ros.pipelines.transform_buffer import Missing
-from heightmap25d_ros.planning.graph import transition_graph
+from heightmap25d_ros.planning.level_planner import LevelPlanner, planner_over
 from heightmap25d_ros.planning.plan import Plan, Pose2D, Status
 from heightmap25d_ros.planning.planner import Planner
+from heightmap25d_ros.terrain.slices import LevelFollower, SurfaceStack
 
 MOTION = 0.3
 """How far the robot moves before the direction of its motion is looked at [m]."""
@@ -55,15 +57,21 @@ class Planning:
         self._params = params
         self._frames = MapFrames(params, self.dropped)
         self._silence = Silence([ODOMETRY], params.intake.timeout)
+        self._map = LevelMap(params.mapping.map_frame, self.dropped)
         self._height_map: HeightMap | None = None
-        self._planner: Planner | None = None
+        self._planner: Planner | LevelPlanner | None = None
+        self._level = LevelFollower()
         self._waiting_goal: Odometry | None = None
         self._mission: Mission | None = None
 
     def take_map(self, message: Any) -> Plan | None:
         """Take a heightmap25d_msgs/HeightGrid; a plan where the map asks for another one."""
-        frame = self._params.mapping.map_frame
-        height_map = self.dropped.decoded("map", lambda m: decode.height_map(m, frame), message)
+        height_map = self._map.take_lowest(message)
+        return None if height_map is None else self.set_map(height_map)
+
+    def take_upper_surfaces(self, message: Any) -> Plan | None:
+        """Take what is above the next map, or above the one that has come; a plan as above."""
+        height_map = self._map.take_upper(message)
         return None if height_map is None else self.set_map(height_map)
 
     def set_map(self, height_map: HeightMap) -> Plan | None:
@@ -138,10 +146,9 @@ class Planning:
         if math.isfinite(tolerance) and tolerance > 0.0:
             params = replace(params, goal_tolerance=min(tolerance, 10.0))
         try:
-            graph = self._planner_over(self._height_map).graph
+            planner = self._planner_over(self._height_map).with_params(params)
         except InputError as error:
             return Plan(status=Status.UNKNOWN, reason=str(error))
-        planner = Planner(graph, self._params.traversability, params)
         return planner.plan(start, goal, is_robot_there=False)
 
     def answer(self, start: Any, goal: Any, tolerance: float) -> Plan:
@@ -158,7 +165,7 @@ class Planning:
         T = self._frames.in_map(pose)
         if isinstance(T, Missing):
             raise _RefusedError(_without_transform(field, self._frames.unconnected(pose, T)))
-        return _pose_2d(T)
+        return _goal_2d(T, pose)
 
     def _lacking(self) -> Plan:
         """What is waited for, as a plan without a path."""
@@ -171,12 +178,13 @@ class Planning:
         lacking = self._frames.unconnected(goal, Missing.NOT_YET)
         return _without_transform("goal_pose", lacking + kept)
 
-    def _planner_over(self, height_map: HeightMap) -> Planner:
+    def _planner_over(self, height_map: HeightMap) -> Planner | LevelPlanner:
         """The planner over the newest map, whose graph is made when it is first needed."""
         if self._planner is None:
-            terrain, params = self._params.traversability, self._params.planner
-            graph = transition_graph(height_map, terrain, params)
-            self._planner = Planner(graph, terrain, params)
+            params = self._params
+            self._planner = planner_over(
+                height_map, params.levels, params.traversability, params.planner
+            )
         return self._planner
 
     def _robot(self) -> Pose2D | None:
@@ -194,7 +202,7 @@ class Planning:
         self._waiting_goal = None
         if isinstance(T, Missing):
             return _without_transform("goal_pose", self._frames.unconnected(waiting, T))
-        goal = _pose_2d(T)
+        goal = _goal_2d(T, waiting)
         return self._replaced(goal, robot, self._planned(goal, robot, self._height_map))
 
     def _planned(self, goal: Pose2D, robot: Pose2D, height_map: HeightMap) -> Plan:
@@ -202,7 +210,14 @@ class Planning:
             planner = self._planner_over(height_map)
         except InputError as error:
             return Plan(status=Status.UNKNOWN, reason=str(error))
+        if isinstance(planner, LevelPlanner):
+            robot = self._on_level(robot, planner.levels.stack)
         return planner.plan(robot, goal, is_robot_there=True, is_field_wanted=True)
+
+    def _on_level(self, robot: Pose2D, stack: SurfaceStack) -> Pose2D:
+        """The robot at the z of the surface that it is on, whatever its odometry says."""
+        surface = self._level.surface(stack, robot.x, robot.y, robot.z or 0.0)
+        return robot if surface is None else replace(robot, z=stack.z_of(surface))
 
     def _replaced(self, goal: Pose2D, robot: Pose2D, plan: Plan) -> Plan:
         """Follow another plan from where the robot is."""
@@ -289,7 +304,14 @@ class _RefusedError(Exception):
 
 
 def _pose_2d(T: se3.Matrix) -> Pose2D:
-    return Pose2D(x=float(T[0, 3]), y=float(T[1, 3]), yaw=math.atan2(T[1, 0], T[0, 0]))
+    x, y, z = T[:3, 3].tolist()
+    return Pose2D(x=x, y=y, yaw=math.atan2(T[1, 0], T[0, 0]), z=z)
+
+
+def _goal_2d(T: se3.Matrix, given: Odometry) -> Pose2D:
+    """A goal in the map; its z counts unless it is 0, as it is of goals that are set in 2-D."""
+    pose = _pose_2d(T)
+    return replace(pose, z=None) if given.T[2, 3] == 0.0 else pose
 
 
 def _is_same(before: HeightMap, after: HeightMap) -> bool:
@@ -297,5 +319,9 @@ def _is_same(before: HeightMap, after: HeightMap) -> bool:
     return (
         before.geometry == after.geometry
         and np.array_equal(before.known, after.known)
+        and all(
+            np.array_equal(getattr(before.upper, name), getattr(after.upper, name))
+            for name in ("cell", "top", "bottom")
+        )
         and np.array_equal(before.height[before.known], after.height[before.known])
     )

@@ -30,16 +30,19 @@ class Pose2D:
     x, y : float [m], map
     yaw : float [rad], optional
         None: along the path.
+    z : float [m], map, optional
+        Tells which level of a map with several is meant; elsewhere it is not used.
 
     Examples
     --------
     >>> Pose2D(4.0, 0.0, yaw=math.pi / 2)
-    Pose2D(x=4.0, y=0.0, yaw=1.5707963267948966)
+    Pose2D(x=4.0, y=0.0, yaw=1.5707963267948966, z=None)
     """
 
     x: float
     y: float
     yaw: float | None = None
+    z: float | None = None
 
 
 def as_pose(name: str, place: Pose2D | Sequence[float]) -> Pose2D:

@@ -8,12 +8,13 @@ The conversion itself is `traversability.to_obstacle_map`.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from heightmap25d_ros.grid.height_grid import TILE, HeightGrid, TiledArray
-from heightmap25d_ros.grid.height_map import Area, Geometry
+from heightmap25d_ros.grid.height_map import Area, Geometry, HeightMap
 from heightmap25d_ros.params.sections import TraversabilityParams
 from heightmap25d_ros.terrain.traversability import (
     OCCUPIED,
@@ -47,8 +48,7 @@ class ObstacleGrid:
     def __init__(self, geometry: Geometry, params: TraversabilityParams) -> None:
         self._geometry = geometry
         self._params = params
-        radius = covering_disc(params, geometry.resolution).radius
-        self._influence = radius + max(radius, 1)  # of inflation, and of the ground of a cell
+        self._influence = influence(params, geometry.resolution)
         tiles = geometry.shape[0] // TILE, geometry.shape[1] // TILE
         # A cost is stored plus 1: what was never written is unknown.
         self._cost = TiledArray(tiles, np.int8)
@@ -76,7 +76,7 @@ class ObstacleGrid:
         cost = self._cost.read(area) - np.int8(1)
         return ObstacleMap(
             geometry=self._geometry.part(area),
-            occupancy=np.where(cost == OCCUPIED, cost, np.minimum(cost, np.int8(0))),
+            occupancy=_occupancy(cost),
             cost=cost,
             blocked=self._blocked.read(area),
         )
@@ -92,6 +92,52 @@ class ObstacleGrid:
         near = np.ravel_multi_index((ty[observed], tx[observed]), shape)
         tiles = np.union1d(near, np.ravel_multi_index(tuple(changed.T), shape))
         return np.column_stack(np.unravel_index(tiles, shape))
+
+
+def with_other_heights(
+    obstacles: ObstacleMap, before: HeightMap, after: HeightMap, params: TraversabilityParams
+) -> ObstacleMap:
+    """The obstacles of a map that has other heights in places, converted again around these.
+
+    Parameters
+    ----------
+    obstacles : ObstacleMap
+        Of the map before.
+    before, after : HeightMap
+        Of the same cells.
+    params : TraversabilityParams
+    """
+    is_other = (before.known != after.known) | (after.known & (before.height != after.height))
+    whole = Area(0, 0, *before.geometry.shape)
+    cost, blocked = obstacles.cost.copy(), obstacles.blocked.copy()
+    reach = influence(params, before.geometry.resolution)
+    tiles = np.unique(np.argwhere(is_other) // TILE, axis=0)
+    for changed in _areas(tiles):
+        area = changed.grown(reach).within(whole)
+        window = area.grown(reach).within(whole)
+        here = window.slices(whole)
+        part = replace(
+            after,
+            geometry=after.geometry.part(window),
+            height=after.height[here],
+            probability=after.probability[here],
+        )
+        converted, inside = to_obstacle_map(part, params), area.slices(window)
+        cost[area.slices(whole)] = converted.cost[inside]
+        blocked[area.slices(whole)] = converted.blocked[inside]
+    return ObstacleMap(
+        geometry=obstacles.geometry, occupancy=_occupancy(cost), cost=cost, blocked=blocked
+    )
+
+
+def influence(params: TraversabilityParams, resolution: float) -> int:
+    """How far [cells] the height of a cell influences costs: inflation of planes under a disc."""
+    radius = covering_disc(params, resolution).radius
+    return radius + max(radius, 1)
+
+
+def _occupancy(cost: NDArray[np.int8]) -> NDArray[np.int8]:
+    return np.where(cost == OCCUPIED, cost, np.minimum(cost, np.int8(0)))
 
 
 def _areas(tiles: NDArray[np.int64]) -> Iterator[Area]:
