@@ -22,13 +22,14 @@ Value = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Spec:
-    """Meaning, unit and admitted values of a parameter."""
+    """Meaning, unit and admitted values of a parameter; of a list, the type of its entries."""
 
     meaning: str
     unit: str = ""
     low: float = -math.inf
     high: float = math.inf
     choices: tuple[str, ...] = ()
+    entries: type = float
 
     @property
     def range_text(self) -> str:
