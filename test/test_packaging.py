@@ -28,7 +28,7 @@ EXECUTABLES = {
 # From the ground up: a room imports the storeys below its own, and the rooms before it in its own.
 STOREYS = [
     ["version", "errors", "arrays", "kernels", "se3", "memory", "input_files", "params", "grid"],
-    ["mapping", "terrain", "planning", "localization"],
+    ["mapping", "terrain", "planning", "localization", "exploration", "control"],
     ["io", "viz", "evaluation", "pipelines"],
     ["simulation", "commands", "cli", "nodes", "executables"],
 ]
@@ -112,9 +112,10 @@ def test_messages_depend_on_what_their_fields_use() -> None:
     folder = ROOT / "heightmap25d_msgs"
     used = {
         package
-        for path in (*folder.glob("msg/*.msg"), *folder.glob("srv/*.srv"))
+        for path in sorted(folder.glob("*/*.*"))
         for package in re.findall(r"^(\w+)/\w+", path.read_text(), re.MULTILINE)
-    }
+    } - {folder.name}
+    used |= {"action_msgs"} if any(folder.glob("action/*.action")) else set()
     package = manifest(folder)
     assert {d.name for d in package.build_depends} == used | {"rosidl_default_generators"}
     assert run_dependencies(package) == used | {"rosidl_default_runtime"}
