@@ -242,7 +242,6 @@ class IntakeParams(Section):
 
     scan_topics: tuple[str, ...] = parameter(
         ("scan",), "LaserScan topics, one per laser; none by default where cloud_topics are given",
-        entries=str,
     )  # fmt: skip
     mounts: tuple[float, ...] = parameter(
         (), "x, y, z, roll, pitch, yaw of each laser in base_link; empty: from /tf", "m, rad"

@@ -42,7 +42,9 @@ class Spec:
 
 
 def parameter(default: Any, meaning: str, unit: str = "", **limits: Any) -> Any:
-    """A field of a section, with its `Spec`."""
+    """A field of a section, with its `Spec`; an empty list of strings needs ``entries=str``."""
+    if isinstance(default, tuple) and default:
+        limits["entries"] = type(default[0])
     return field(default=default, metadata={"spec": Spec(meaning=meaning, unit=unit, **limits)})
 
 
