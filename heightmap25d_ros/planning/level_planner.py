@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from heightmap25d_ros.grid.height_map import Cell, HeightMap
 from heightmap25d_ros.params.sections import LevelsParams, PlannerParams, TraversabilityParams
 from heightmap25d_ros.planning.level_graph import LevelGraph, Place
-from heightmap25d_ros.planning.plan import Plan, Pose2D, Status, as_pose
+from heightmap25d_ros.planning.plan import Plan, Pose2D, Status, as_pose, joined
 from heightmap25d_ros.planning.planner import Planner, compile_kernels
 from heightmap25d_ros.planning.refusals import no_path
 from heightmap25d_ros.planning.search import STRAIGHT, CostToGo, SearchTimeoutError, to_cell
@@ -146,7 +146,7 @@ class LevelPlanner:
             plans.append(planner.plan(begin, end, is_robot_there=is_robot_there and is_first))
             if not plans[-1].found:
                 return plans[-1]
-        return _joined(plans)
+        return joined(plans)
 
     def _refused(
         self, start: Pose2D, goal: Pose2D, first: int, last: Place, is_robot_there: bool
@@ -230,17 +230,3 @@ def _beginning(field: CostToGo, cleared: ClearedStart, cell: Cell) -> Cell | Non
     remaining = np.array([field[to_cell(exit_cell)] for exit_cell in cleared.exits])
     costs = np.where(remaining >= 0, cleared.costs + remaining / STRAIGHT, np.inf)
     return to_cell(cleared.exits[int((costs + cleared.penalties).argmin())])
-
-
-def _joined(plans: Sequence[Plan]) -> Plan:
-    """One plan out of those of its pieces."""
-    poses = [plans[0].poses, *(plan.poses[1:] for plan in plans[1:])]
-    return replace(
-        plans[-1],
-        poses=np.concatenate(poses),
-        length=sum(plan.length for plan in plans),
-        climb=sum(plan.climb for plan in plans),
-        steepest_slope=max(plan.steepest_slope for plan in plans),
-        least_clearance=min(plan.least_clearance for plan in plans),
-        cost=sum(plan.cost for plan in plans),
-    )

@@ -16,6 +16,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from heightmap25d_ros import se3
 from heightmap25d_ros.grid.height_map import Geometry
 from heightmap25d_ros.planning.graph import TransitionGraph
 from heightmap25d_ros.planning.search import CostToGo
@@ -59,6 +60,12 @@ def as_pose(name: str, place: Pose2D | Sequence[float]) -> Pose2D:
     if len(numbers) not in (2, 3) or not all(math.isfinite(number) for number in numbers):
         raise ValueError(f"{name}: {place} is not x, y or x, y, yaw")
     return Pose2D(*numbers)
+
+
+def pose_2d(T: se3.Matrix) -> Pose2D:
+    """A pose (4, 4) seen from above."""
+    x, y, z = (float(coordinate) for coordinate in T[:3, 3])
+    return Pose2D(x=x, y=y, yaw=math.atan2(T[1, 0], T[0, 0]), z=z)
 
 
 def in_cells(pose: Pose2D, geometry: Geometry) -> tuple[float, float, float]:
@@ -132,3 +139,22 @@ class Plan:
     def found(self) -> bool:
         """Whether there is a path."""
         return self.status is Status.NONE
+
+
+def joined(legs: Sequence[Plan]) -> Plan:
+    """One plan of plans with paths, each of which begins where the one before ends.
+
+    The place where two meet is there once.
+    """
+    first, *others = legs
+    return replace(
+        legs[-1],
+        reason="; ".join(leg.reason for leg in legs if leg.reason),
+        seconds=sum(leg.seconds for leg in legs),
+        poses=np.concatenate([first.poses, *(leg.poses[1:] for leg in others)]),
+        length=sum(leg.length for leg in legs),
+        climb=sum(leg.climb for leg in legs),
+        steepest_slope=max(leg.steepest_slope for leg in legs),
+        least_clearance=min(leg.least_clearance for leg in legs),
+        cost=sum(leg.cost for leg in legs),
+    )

@@ -232,18 +232,23 @@ class LevelFollower:
     The z of a pose may be off by more than levels are apart. Its changes are not: from pose to
     pose the robot is on the surface that is nearest to the one before, raised by what z has
     changed.
+
+    Attributes
+    ----------
+    offset : float [m]
+        Of the surface from the z of the last pose.
     """
 
     def __init__(self) -> None:
-        self._offset = 0.0  # [m] of the surface from the pose
+        self.offset = 0.0
 
     def surface(self, stack: SurfaceStack, x: float, y: float, z: float) -> (
         tuple[int, int, int] | None
     ):  # fmt: skip
         """(layer, iy, ix) of the surface below the robot [m], map; None: none is near."""
-        found = stack.surface_at(x, y, z + self._offset)
+        found = stack.surface_at(x, y, z + self.offset)
         if found is not None:
-            self._offset = stack.z_of(found) - z
+            self.offset = stack.z_of(found) - z
         return found
 
 
