@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_map import HeightMap
