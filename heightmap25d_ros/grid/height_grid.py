@@ -258,6 +258,13 @@ class HeightGrid:
             upper=self._upper_surfaces(probability_threshold, area),
         )
 
+    @property
+    def has_upper(self) -> bool:
+        """Whether there are surfaces above the lowest ones."""
+        first_y, first_x, last_y, last_x, count = self.observed.tolist()
+        spans = self.upper.tile_span[first_y : last_y + 1, first_x : last_x + 1]
+        return bool(count and spans.any())
+
     def _upper_surfaces(self, probability_threshold: float, area: Area) -> UpperSurfaces:
         """The known surfaces above the lowest ones of an area."""
         tiles = tuple(

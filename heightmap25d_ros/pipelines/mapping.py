@@ -26,8 +26,8 @@ from heightmap25d_ros.pipelines.input_watch import InputWatch
 from heightmap25d_ros.pipelines.scan_queue import Reading, ScanQueue
 from heightmap25d_ros.pipelines.self_check import Finding, findings_of_drive
 from heightmap25d_ros.pipelines.silence import LOCALIZATION, Silence
-from heightmap25d_ros.terrain.obstacle_grid import ObstacleGrid, with_other_heights
-from heightmap25d_ros.terrain.slices import LevelFollower, SurfaceStack
+from heightmap25d_ros.terrain.obstacle_grid import ObstacleGrid, covering
+from heightmap25d_ros.terrain.shown_level import ShownLevel
 from heightmap25d_ros.terrain.traversability import ObstacleMap
 
 GIVEN_UP = 60
@@ -64,6 +64,9 @@ def compile_kernels(params: Params) -> None:
 
 _BYTES_OF_CELL = 4  # height and probability
 _BYTES_OF_MAPS = 16  # of a cell, with its occupancy and cost, and what is between
+
+
+_NO_TILES = np.empty((0, 2), np.int64)
 
 
 class Size(NamedTuple):
@@ -105,7 +108,6 @@ class Mapping:
         self._silence = Silence([LOCALIZATION], params.intake.timeout)
         self._layers: LocalizationLayers | None = None
         self._robot: tuple[float, float, float] | None = None  # its position in the map
-        self._level = LevelFollower()
         self.clear()
 
     def clear(self, content: HeightMap | None = None, layers: LayerMap | None = None) -> None:
@@ -171,6 +173,10 @@ class Mapping:
     def _use_params(self) -> None:
         self._mapper = Mapper(self.grid, self._params.sensor, self._params.mapper)
         self._obstacles = ObstacleGrid(self.grid.geometry, self._params.traversability)
+        self._level = ShownLevel(
+            self._params.mapping.slice, self._params.levels, self._params.traversability
+        )
+        self._changed = covering(_NO_TILES)
         self.grid.mark_changed()
 
     @property
@@ -282,7 +288,12 @@ class Mapping:
         InputError
             If what is connected has more cells, or the memory for it is not available.
         """
-        threshold = self._params.mapper.probability_threshold
+        area = self.area(max_cells)
+        obstacles = self.obstacles(area)
+        return self.grid.read(self._params.mapper.probability_threshold, area), obstacles
+
+    def area(self, max_cells: float | None = None) -> Area:
+        """The cells of the grid that `maps` shows; parameters and errors are its."""
         limit = self._params.mapping.max_cells if max_cells is None else max_cells
         area = self.grid.main_area(limit)
         is_cut = area != self.grid.observed_area()
@@ -299,24 +310,25 @@ class Mapping:
                 "is neither published nor saved; ~/clear_map forgets it"
             )
         memory.require(area.rows * area.columns * _BYTES_OF_MAPS, "the map")
-        self._obstacles.update(self.grid, threshold)
-        height_map, obstacles = self.grid.read(threshold, area), self._obstacles.read(area)
-        if len(height_map.upper):
-            obstacles = with_other_heights(
-                obstacles, height_map, self._sliced(height_map), self._params.traversability
-            )
-        return height_map, obstacles
+        return area
 
-    def _sliced(self, height_map: HeightMap) -> HeightMap:
-        """The level of ``mapping.slice``."""
-        stack = SurfaceStack(height_map, self._params.levels, self._params.traversability)
-        if self._params.mapping.slice == "lowest":
-            return stack.lowest().height_map
-        if self._params.mapping.slice == "top":
-            return stack.highest().height_map
-        place = self._robot
-        start = None if place is None else self._level.surface(stack, *place)
-        return (stack.lowest() if start is None else stack.followed(start)).height_map
+    def obstacles(self, area: Area) -> ObstacleMap:
+        """The converted map of an area of the grid."""
+        self._convert()
+        return self._obstacles.read(area)
+
+    def take_changed(self) -> Area:
+        """The smallest area with all cells that were converted since the last call."""
+        self._convert()
+        changed, self._changed = self._changed, covering(_NO_TILES)
+        return changed
+
+    def _convert(self) -> None:
+        threshold = self._params.mapper.probability_threshold
+        shown = self.grid.main_area(self._params.mapping.max_cells)
+        self._level.update(self.grid, threshold, shown, self._robot)
+        tiles = self._obstacles.update(self.grid, threshold, self._level)
+        self._changed = self._changed.hull(covering(tiles))
 
     def layers(self, geometry: Geometry) -> LayerMap | None:
         """The localization layers of cells of the grid; None without them."""

@@ -8,14 +8,14 @@ The conversion itself is `traversability.to_obstacle_map`.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from heightmap25d_ros.grid.height_grid import TILE, HeightGrid, TiledArray
-from heightmap25d_ros.grid.height_map import Area, Geometry, HeightMap
+from heightmap25d_ros.grid.height_map import Area, Geometry
 from heightmap25d_ros.params.sections import TraversabilityParams
+from heightmap25d_ros.terrain.shown_level import ShownLevel
 from heightmap25d_ros.terrain.traversability import (
     OCCUPIED,
     ObstacleMap,
@@ -48,14 +48,24 @@ class ObstacleGrid:
     def __init__(self, geometry: Geometry, params: TraversabilityParams) -> None:
         self._geometry = geometry
         self._params = params
-        self._influence = influence(params, geometry.resolution)
+        radius = covering_disc(params, geometry.resolution).radius
+        self._influence = radius + max(radius, 1)  # of inflation, and of the ground of a cell
         tiles = geometry.shape[0] // TILE, geometry.shape[1] // TILE
         # A cost is stored plus 1: what was never written is unknown.
         self._cost = TiledArray(tiles, np.int8)
         self._blocked = TiledArray(tiles, np.uint8)
 
-    def update(self, grid: HeightGrid, probability_threshold: float) -> NDArray[np.int64]:
+    def update(
+        self, grid: HeightGrid, probability_threshold: float, level: ShownLevel | None = None
+    ) -> NDArray[np.int64]:
         """Convert the area that changes of the grid since the last update can affect.
+
+        Parameters
+        ----------
+        grid : HeightGrid
+        probability_threshold : float
+        level : ShownLevel, optional
+            The surfaces to convert; the lowest ones, by default.
 
         Returns
         -------
@@ -65,7 +75,10 @@ class ObstacleGrid:
         tiles = self._influenced(grid.take_changed(), grid)
         for area in _areas(tiles):
             window = area.grown(self._influence)
-            converted = to_obstacle_map(grid.read(probability_threshold, window), self._params)
+            heights = grid.read(probability_threshold, window)
+            if level is not None:
+                heights = level.seen_in(heights, window)
+            converted = to_obstacle_map(heights, self._params)
             inside = area.slices(window)
             self._cost.write(area, converted.cost[inside] + np.int8(1))
             self._blocked.write(area, converted.blocked[inside])
@@ -76,7 +89,7 @@ class ObstacleGrid:
         cost = self._cost.read(area) - np.int8(1)
         return ObstacleMap(
             geometry=self._geometry.part(area),
-            occupancy=_occupancy(cost),
+            occupancy=np.where(cost == OCCUPIED, cost, np.minimum(cost, np.int8(0))),
             cost=cost,
             blocked=self._blocked.read(area),
         )
@@ -94,50 +107,12 @@ class ObstacleGrid:
         return np.column_stack(np.unravel_index(tiles, shape))
 
 
-def with_other_heights(
-    obstacles: ObstacleMap, before: HeightMap, after: HeightMap, params: TraversabilityParams
-) -> ObstacleMap:
-    """The obstacles of a map that has other heights in places, converted again around these.
-
-    Parameters
-    ----------
-    obstacles : ObstacleMap
-        Of the map before.
-    before, after : HeightMap
-        Of the same cells.
-    params : TraversabilityParams
-    """
-    is_other = (before.known != after.known) | (after.known & (before.height != after.height))
-    whole = Area(0, 0, *before.geometry.shape)
-    cost, blocked = obstacles.cost.copy(), obstacles.blocked.copy()
-    reach = influence(params, before.geometry.resolution)
-    tiles = np.unique(np.argwhere(is_other) // TILE, axis=0)
-    for changed in _areas(tiles):
-        area = changed.grown(reach).within(whole)
-        window = area.grown(reach).within(whole)
-        here = window.slices(whole)
-        part = replace(
-            after,
-            geometry=after.geometry.part(window),
-            height=after.height[here],
-            probability=after.probability[here],
-        )
-        converted, inside = to_obstacle_map(part, params), area.slices(window)
-        cost[area.slices(whole)] = converted.cost[inside]
-        blocked[area.slices(whole)] = converted.blocked[inside]
-    return ObstacleMap(
-        geometry=obstacles.geometry, occupancy=_occupancy(cost), cost=cost, blocked=blocked
-    )
-
-
-def influence(params: TraversabilityParams, resolution: float) -> int:
-    """How far [cells] the height of a cell influences costs: inflation of planes under a disc."""
-    radius = covering_disc(params, resolution).radius
-    return radius + max(radius, 1)
-
-
-def _occupancy(cost: NDArray[np.int8]) -> NDArray[np.int8]:
-    return np.where(cost == OCCUPIED, cost, np.minimum(cost, np.int8(0)))
+def covering(tiles: NDArray[np.int64]) -> Area:
+    """The smallest area that contains all of some tiles (K, 2); empty without tiles."""
+    if not len(tiles):
+        return Area(0, 0, 0, 0)
+    first, sides = tiles.min(axis=0), np.ptp(tiles, axis=0) + 1
+    return Area(*(int(number) * TILE for number in (*first, *sides)))
 
 
 def _areas(tiles: NDArray[np.int64]) -> Iterator[Area]:
@@ -147,5 +122,4 @@ def _areas(tiles: NDArray[np.int64]) -> Iterator[Area]:
     new = np.diff(blocks[order], axis=0).any(axis=1)
     for group in np.split(tiles[order], np.flatnonzero(new) + 1):
         if len(group):
-            first, sides = group.min(axis=0), np.ptp(group, axis=0) + 1
-            yield Area(*(int(number) * TILE for number in (*first, *sides)))
+            yield covering(group)

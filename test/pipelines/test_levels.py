@@ -129,3 +129,16 @@ def test_the_obstacle_grid_is_of_one_level(level, is_road_free):
     assert len(height_map.upper) == len(WORLD.upper)
     beside = tuple(height_map.geometry.cell_at((6.0, 4.07)))  # the edge of the deck
     assert (obstacles.occupancy[beside] == 0) == is_road_free
+
+
+def test_updates_lead_to_what_a_map_that_is_converted_anew_has():
+    """As the level that is shown changes, so do the obstacles, in the tiles that it changes in."""
+    m = mapping((6.0, 1.0, 0.0))
+    for place in ((6.0, 1.0, 0.0), (6.0, 5.0, 2.0), (6.0, 9.0, 0.0)):
+        m._robot = place
+        _, obstacles = m.maps()
+        fresh = mapping(place)
+        fresh._robot = place
+        np.testing.assert_array_equal(obstacles.cost, fresh.maps()[1].cost)
+        middle = tuple(obstacles.geometry.cell_at((6.0, 5.0)))
+        assert obstacles.occupancy[middle] == 0
