@@ -237,22 +237,34 @@ def twist(message: Any) -> tuple[float, float]:
     return command
 
 
-def path(message: Any) -> NDArray[np.float64]:
-    """(N, 2) float64 [m]: the places of a nav_msgs/Path.
+def path_in(message: Any, frame_id: str) -> NDArray[np.float64]:
+    """(N, 3) float64 [m, m, rad]: places and headings of a nav_msgs/Path in a frame.
+
+    Orientations need not be of length 1: planners that do not care leave them all 0.
 
     Raises
     ------
     InputError
-        If one is not finite, or farther away than `POSITION_LIMIT`; or the path is longer than
-        `LONGEST_PATH`.
+        If it is in another frame, one is not finite, or farther away than `POSITION_LIMIT`; or the
+        path is longer than `LONGEST_PATH`.
     """
-    places = [(stamped.pose.position.x, stamped.pose.position.y) for stamped in message.poses]
-    points = np.array(places, np.float64).reshape(-1, 2)
+    require_frame(message.header, frame_id)
+    poses = [stamped.pose for stamped in message.poses]
+    places = [
+        (p.position.x, p.position.y, *(getattr(p.orientation, axis) for axis in "xyzw"))
+        for p in poses
+    ]
+    x, y, *rotation = np.array(places, np.float64).reshape(-1, 6).T
+    points = np.column_stack([x, y])
     if not (np.abs(points) <= POSITION_LIMIT).all():
         raise InputError("poses: a position is not a place")
     if np.abs(np.diff(points, axis=0)).sum() > LONGEST_PATH:
         raise InputError(f"poses: are more than {LONGEST_PATH:g} m long")
-    return points
+    if not (np.abs(rotation) <= 1.0 + QUATERNION_TOLERANCE).all():
+        raise InputError("poses: an orientation is not a unit quaternion")
+    qx, qy, qz, qw = rotation
+    heading = np.arctan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz))
+    return np.column_stack([points, heading])
 
 
 def planar_covariance(message: Any, limits: ArrayLike) -> NDArray[np.float64]:

@@ -13,6 +13,7 @@ import numpy as np
 from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.exploration.boundary import Boundary, confined
 from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.io import decode
 from heightmap25d_ros.io.decode import Odometry
@@ -59,6 +60,7 @@ class Planning:
         self._planner: Planner | None = None
         self._waiting_goal: Odometry | None = None
         self._mission: Mission | None = None
+        self._boundary = Boundary.of([])
 
     def take_map(self, message: Any) -> Plan | None:
         """Take a heightmap25d_msgs/HeightGrid; a plan where the map asks for another one."""
@@ -112,10 +114,19 @@ class Planning:
         """
         self._waiting_goal = self._mission = None
         try:
-            self._waiting_goal = _decoded(message, "goal_pose")
+            return self.set_goal(_decoded(message, "goal_pose"))
         except _RefusedError as refused:
             return refused.plan
+
+    def set_goal(self, goal: Odometry) -> Plan:
+        """As `take_goal`, with the goal as the pose of a frame of no matter which name."""
+        self._mission, self._waiting_goal = None, goal
         return self._began() or self._lacking()
+
+    def set_boundary(self, boundary: Boundary) -> Plan | None:
+        """Keep the robot's middle within a polygon; a plan where that asks for another one."""
+        self._boundary, self._planner = boundary, None
+        return self._checked()
 
     def set_params(self, params: Params) -> Plan | None:
         """Apply new parameters; a plan where they ask for another one."""
@@ -176,6 +187,8 @@ class Planning:
         if self._planner is None:
             terrain, params = self._params.traversability, self._params.planner
             graph = transition_graph(height_map, terrain, params)
+            if len(self._boundary.corners):
+                graph = confined(graph, self._boundary)
             self._planner = Planner(graph, terrain, params)
         return self._planner
 
