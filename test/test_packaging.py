@@ -36,7 +36,7 @@ ROOMS = [room for storey in STOREYS for room in storey]
 
 # rosdep's name of what is imported under another name; rosbags and the extras, mujoco and rerun,
 # have none, llvmlite comes with numba, lz4 and zstd (backports, or compression from Python 3.14 on)
-# with rosbags, and grid_map_msgs is used where it is.
+# with rosbags, and grid_map_msgs, map_msgs and nav2_msgs are used where they are.
 ROSDEP_KEYS = {
     "argcomplete": "python3-argcomplete",
     "backports": None,
@@ -44,8 +44,10 @@ ROSDEP_KEYS = {
     "grid_map_msgs": None,
     "llvmlite": None,
     "lz4": None,
+    "map_msgs": None,
     "matplotlib": "python3-matplotlib",
     "mpl_toolkits": "python3-matplotlib",
+    "nav2_msgs": None,
     "numba": "python3-numba",
     "numpy": "python3-numpy",
     "mujoco": None,

@@ -86,6 +86,8 @@ class Boundary:
 
 def confined(graph: TransitionGraph, boundary: Boundary) -> TransitionGraph:
     """The graph without the cells outside of a boundary; a robot that is outside may come in."""
+    if not len(boundary.corners):
+        return graph
     inside = boundary.mask(graph.geometry)
     incoming = graph.incoming.copy()
     incoming[1:-1, 1:-1][~inside] = CLOSED

@@ -366,6 +366,9 @@ class PlanningParams(Section):
     goal_reached: float = parameter(
         0.3, "the goal is reached within this distance, and planning ends", "m", low=0.0, high=10.0
     )
+    planner_ids: tuple[str, ...] = parameter(
+        ("GridBased",), "names that Nav2's actions may call this planner by; no name is right, too"
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from heightmap25d_ros import se3
+from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.exploration.explorer import Choice, Explorer, Survey
 from heightmap25d_ros.exploration.looking import full_turn, headings_to_see
@@ -20,7 +20,7 @@ from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.exploration_task import End, State, Task
 from heightmap25d_ros.pipelines.map_frames import MapFrames
-from heightmap25d_ros.planning.plan import Pose2D
+from heightmap25d_ros.planning.plan import Pose2D, pose_2d
 
 REACHED = 0.4
 """A place to look from is reached within this distance [m]."""
@@ -124,6 +124,11 @@ class Exploration:
     def elapsed(self) -> float:
         """Time since the start, without pauses [s]."""
         return self._run.elapsed if self._run is not None else 0.0
+
+    @property
+    def corners(self) -> Array:
+        """(N, 2) [m], map: of the boundary; empty: none."""
+        return self._run.task.boundary.corners if self._run is not None else np.empty((0, 2))
 
     @property
     def given_up(self) -> list[Pose2D]:
@@ -453,7 +458,7 @@ class Exploration:
 
     def _robot(self) -> Pose2D | None:
         T = self._frames.robot()
-        return None if T is None else _pose_2d(T)
+        return None if T is None else pose_2d(T)
 
 
 def _done(run: _Run) -> str:
@@ -465,7 +470,3 @@ def _done(run: _Run) -> str:
 def _has_moved(before: Pose2D, after: Pose2D) -> bool:
     turned = abs(math.remainder((after.yaw or 0.0) - (before.yaw or 0.0), 2.0 * math.pi))
     return math.hypot(after.x - before.x, after.y - before.y) + turned > _MOVED
-
-
-def _pose_2d(T: se3.Matrix) -> Pose2D:
-    return Pose2D(x=float(T[0, 3]), y=float(T[1, 3]), yaw=math.atan2(T[1, 0], T[0, 0]))

@@ -4,10 +4,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Any
 
+from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.exploration.boundary import Boundary
+from heightmap25d_ros.io import decode
 from heightmap25d_ros.params.sections import Params
 
 
@@ -69,3 +73,26 @@ class Task:
             distance_limit=own.distance_limit,
             return_home=own.return_home,
         )
+
+
+def requested(message: Any, params: Params) -> Task:
+    """The task of a goal of heightmap25d_msgs/Explore; what it leaves open is as of the parameters.
+
+    Raises
+    ------
+    InputError
+        If the boundary is no polygon in the map, or a number is negative or not finite.
+    """
+    own = Task.of(params)
+    numbers = {}
+    for name in ("min_gain", "time_limit", "distance_limit"):
+        given = float(getattr(message, name))
+        if not 0.0 <= given < math.inf:
+            raise InputError(f"{name}: {given:g} is not a number from 0 on")
+        numbers[name] = given or getattr(own, name)
+    corners = decode.polygon(message.boundary, params.mapping.map_frame)
+    return Task(
+        boundary=Boundary.of(corners) if len(corners) else own.boundary,
+        return_home=bool(message.return_home) or own.return_home,
+        **numbers,
+    )

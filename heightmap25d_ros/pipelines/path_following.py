@@ -25,7 +25,7 @@ from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.map_frames import MapFrames
 from heightmap25d_ros.pipelines.silence import LOCALIZATION, ODOMETRY, Silence
-from heightmap25d_ros.planning.plan import Pose2D
+from heightmap25d_ros.planning.plan import pose_2d
 from heightmap25d_ros.planning.planner import Planner
 
 MAP = "map"
@@ -263,14 +263,13 @@ class _LocalTerrain:
 
     def is_free(self, T: se3.Matrix, points: NDArray[np.float64]) -> bool:
         """Whether the robot's rectangle fits along a path (N, 2) [m]."""
-        robot = Pose2D(float(T[0, 3]), float(T[1, 3]), yaw=math.atan2(T[1, 0], T[0, 0]))
         if len(points) < 2:
             return True
         step = np.gradient(points, axis=0)
         poses = np.tile(np.eye(4), (len(points), 1, 1))
         poses[:, :2, 3], length = points, np.hypot(*step.T)
         poses[:, :2, 0] = step / np.maximum(length, 1e-9)[:, None]
-        return self._planner.cost_along(poses, robot) is not None
+        return self._planner.cost_along(poses, pose_2d(T)) is not None
 
     def around(self, T: se3.Matrix, follower: PathFollower) -> Surroundings:
         """Slope of the path ahead and distance of the obstacles."""
