@@ -108,9 +108,18 @@ class PathFollower:
         count = 1 + max(1, math.ceil(distance / _SPACING))
         return self._points[self._at : self._at + count]
 
-    def offset(self, T: se3.Matrix) -> float:
-        """Distance [m] of a pose (4, 4) from the path."""
-        return float(np.hypot(*(self._points[self._at] - T[:2, 3])))
+    def locate(self, T: se3.Matrix) -> float:
+        """Go on to the part of the path that a pose (4, 4) is at; its distance from there [m].
+
+        Not past a corner before the robot is there, and not far ahead: paths may cross themselves.
+        """
+        reach = round(2.0 * self._params.max_lookahead / _SPACING)
+        end = min(self._at + reach, self._next_corner()) + 1
+        away = np.hypot(*(self._points[self._at : end] - T[:2, 3]).T)
+        self._at += int(away.argmin())
+        if self._at == self._next_corner() and away.min() <= _AT_CORNER:
+            self._at = min(self._at + 1, len(self._points) - 1)
+        return float(away.min())
 
     def command(
         self, T: se3.Matrix, seconds: float, around: Surroundings | None = None
@@ -125,7 +134,7 @@ class PathFollower:
             allow.
         around : Surroundings, optional
         """
-        self._advance(T)
+        self.locate(T)
         wanted = self._wanted(T, around or Surroundings())
         own = self._params
         self.velocity = Velocity(
@@ -135,15 +144,6 @@ class PathFollower:
             ),
         )
         return self.velocity
-
-    def _advance(self, T: se3.Matrix) -> None:
-        """Go on to the nearest point, not past a corner before the robot is there."""
-        reach = round(2.0 * self._params.max_lookahead / _SPACING)
-        end = min(self._at + reach, self._next_corner()) + 1
-        away = np.hypot(*(self._points[self._at : end] - T[:2, 3]).T)
-        self._at += int(away.argmin())
-        if self._at == self._next_corner() and away.min() <= _AT_CORNER:
-            self._at = min(self._at + 1, len(self._points) - 1)
 
     def _next_corner(self) -> int:
         """Index of the next corner of the path, or of its end."""

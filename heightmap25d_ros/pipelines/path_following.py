@@ -203,7 +203,7 @@ class PathFollowing:
 
     def _off_path(self, T: se3.Matrix, follower: PathFollower) -> str:
         """That the robot is off its path, or the path is blocked; else empty."""
-        offset, limit = follower.offset(T), self._params.path_follower.max_offset
+        offset, limit = follower.locate(T), self._params.path_follower.max_offset
         if offset > limit:
             return f"the robot is {offset:.2f} m from the path, more than {limit:g} m"
         return self._blockage(T, follower)

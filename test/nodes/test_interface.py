@@ -19,7 +19,9 @@ from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker
 
 CONFIG = ROOT / "rviz" / "heightmap25d.rviz"
-NODES = ("mapping", "planning", "localization", "markers", "simulator", "driver")
+NODES = (
+    "mapping", "planning", "localization", "exploration", "path_follower", "markers", "simulator",
+)  # fmt: skip
 TYPES = {
     "Map": "nav_msgs/msg/OccupancyGrid",
     "Marker": "visualization_msgs/msg/Marker",
@@ -88,14 +90,10 @@ def test_goal_and_initial_pose_go_where_our_nodes_listen(graph):
 
 def documented(node):
     """(direction, name without ~, type) of the tables of docs/interface.md."""
-    title = {"simulator": "simulator and driver", "driver": "simulator and driver"}.get(node, node)
     page = (ROOT / "docs" / "interface.md").read_text()
-    section = page.partition(f"\n## {title}\n")[2].partition("\n## ")[0]
-    rows = re.findall(r"^\| (in|out|service) \| `([^`]+)` \| `([^`]+)` .*\|(.*)\|$", section, re.M)
-    own = "driver" if node == "driver" else ""
-    if title != node:
-        rows = [row for row in rows if (row[3].strip() == "driver") == bool(own)]
-    return {(way, absolute(node, name), kind) for way, name, kind, _ in rows}
+    section = page.partition(f"\n## {node}\n")[2].partition("\n## ")[0]
+    rows = re.findall(r"^\| (in|out|service) \| `([^`]+)` \| `([^`]+)` .*\|$", section, re.M)
+    return {(way, absolute(node, name), kind) for way, name, kind in rows}
 
 
 def absolute(node, name):
@@ -112,7 +110,7 @@ def test_interface_page_tells_what_a_node_has(graph, node):
             ("service", graph.get_service_names_and_types_by_node(node, "/")),
         )
         for name, (kind,) in listed
-        if not kind.startswith(OF_EVERY_NODE + OF_OTHERS)
+        if not kind.startswith(OF_EVERY_NODE + OF_OTHERS) and "/_action/" not in name
     }
     assert found == documented(node)
 
