@@ -24,7 +24,7 @@ from heightmap25d_ros.nodes.interface import Action, Input, Output, Service
 from heightmap25d_ros.params import by_name
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.drops import Drops
-from heightmap25d_ros.pipelines.input_watch import Flatness
+from heightmap25d_ros.pipelines.input_watch import Flatness, InputWatch
 
 REPORT_PERIOD = 5.0
 """Between two log lines about dropped messages [s]."""
@@ -260,7 +260,10 @@ class ManagedNode(GuardedCallbacks, LifecycleNode):
         self._diagnostics.deactivate()
 
     def _report_drops(self) -> None:
-        """Warn of what was dropped, or used with a reservation, since the last time."""
+        """Tell how clouds are read; warn of what was dropped, or used with a reservation."""
+        watch: InputWatch | None = getattr(self, "watch", None)
+        for line in watch.new_layouts() if watch is not None else ():
+            self.get_logger().info(line)
         dropped = self.dropped
         for sentence in dropped.new_notices():
             self.get_logger().warning(sentence)

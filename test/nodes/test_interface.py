@@ -35,6 +35,9 @@ TOOLS = {
     "SetGoal": "geometry_msgs/msg/PoseStamped",
     "SetInitialPose": "geometry_msgs/msg/PoseWithCovarianceStamped",
 }
+# A laser and a lidar.
+BOTH = "-p", "intake.scan_topics:=[scan]", "-p", "intake.cloud_topics:=[points]"
+SOURCES = {"mapping": BOTH, "localization": BOTH}
 # Parameters, logs, types; life cycle; diagnostics.
 OF_EVERY_NODE = (
     "rcl_interfaces/", "type_description_interfaces/", "lifecycle_msgs/", "diagnostic_msgs/",
@@ -55,7 +58,7 @@ def graph():
     client = Client()
     with ExitStack() as stack:
         for name in NODES:
-            stack.enter_context(node_process(name))
+            stack.enter_context(node_process(name, *SOURCES.get(name, ())))
         client.wait(lambda: client.node.count_publishers("odom") > 0)
         client.wait(lambda: client.node.count_publishers("markers/blocks") > 0)
         client.wait(lambda: client.node.count_publishers("planning/field") > 0)
