@@ -11,7 +11,7 @@ import yaml
 from bag_writer import odometry, rclpy_type
 from geometry_msgs.msg import PoseArray, PoseStamped, TransformStamped
 from grid_messages import grid
-from node_client import LATCHED, Client, node_process
+from node_client import LATCHED, PATIENCE, Client, node_process
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from repository import ROOT
 from sensor_msgs.msg import PointCloud2
@@ -59,9 +59,8 @@ def graph():
     with ExitStack() as stack:
         for name in NODES:
             stack.enter_context(node_process(name, *SOURCES.get(name, ())))
-        client.wait(lambda: client.node.count_publishers("odom") > 0)
-        client.wait(lambda: client.node.count_publishers("markers/blocks") > 0)
-        client.wait(lambda: client.node.count_publishers("planning/field") > 0)
+        for topic in ("odom", "markers/blocks", "planning/field", "exploration/status", "cmd_vel"):
+            client.wait(lambda: client.node.count_publishers(topic) > 0, 3 * PATIENCE)  # noqa: B023
         client.wait(lambda: client.node.count_subscribers("initialpose") > 0)
         client.wait_for_node()
         client.spin(0.5)
