@@ -7,8 +7,10 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.exploration.boundary import Boundary, confined
 from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.params.sections import Params, PlannerParams
 from heightmap25d_ros.planning.level_planner import LevelPlanner, planner_over
@@ -23,15 +25,20 @@ class MapPlanner:
     ----------
     height_map : HeightMap
     params : Params
+    boundary : Boundary, optional
+        That the robot's middle does not leave.
 
     Attributes
     ----------
     height_map : HeightMap
     """
 
-    def __init__(self, height_map: HeightMap, params: Params) -> None:
+    def __init__(
+        self, height_map: HeightMap, params: Params, boundary: Boundary | None = None
+    ) -> None:
         self.height_map = height_map
         self._params = params
+        self._boundary = boundary
         self._planner: Planner | LevelPlanner | None = None
         self._lock = threading.Lock()
 
@@ -45,9 +52,13 @@ class MapPlanner:
         """
         with self._lock:
             if self._planner is None:
-                settings = self._params
+                settings, boundary = self._params, self._boundary
                 self._planner = planner_over(
-                    self.height_map, settings.levels, settings.traversability, settings.planner
+                    self.height_map,
+                    settings.levels,
+                    settings.traversability,
+                    settings.planner,
+                    None if boundary is None else partial(confined, boundary=boundary),
                 )
             own = self._planner
         return own if params is None else own.with_params(params)

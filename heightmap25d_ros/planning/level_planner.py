@@ -9,7 +9,7 @@ from one to the next. The piece on each slice is planned by an ordinary `Planner
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from heightmap25d_ros.grid.height_map import Cell, HeightMap
 from heightmap25d_ros.params.sections import LevelsParams, PlannerParams, TraversabilityParams
+from heightmap25d_ros.planning.graph import TransitionGraph, transition_graph
 from heightmap25d_ros.planning.level_graph import LevelGraph, Place
 from heightmap25d_ros.planning.plan import Plan, Pose2D, Status, as_pose, joined
 from heightmap25d_ros.planning.planner import Planner, compile_kernels
@@ -201,17 +202,31 @@ def planner_over(
     levels: LevelsParams | None = None,
     terrain: TraversabilityParams | None = None,
     params: PlannerParams | None = None,
+    restrict: Callable[[TransitionGraph], TransitionGraph] | None = None,
 ) -> Planner | LevelPlanner:
     """The planner of a map, whether it has one level or several.
+
+    Parameters
+    ----------
+    height_map : HeightMap
+    levels : LevelsParams, optional
+    terrain : TraversabilityParams, optional
+    params : PlannerParams, optional
+    restrict : callable, optional
+        Closes cells of a graph.
 
     Raises
     ------
     InputError
         As of `LevelGraph`.
     """
-    if len(height_map.upper):
-        return LevelPlanner(LevelGraph(height_map, levels, terrain, params), terrain, params)
-    return Planner.from_height_map(height_map, terrain, params)
+    terrain, params = terrain or TraversabilityParams(), params or PlannerParams()
+    restrict = restrict or (lambda graph: graph)
+    if not len(height_map.upper):
+        return Planner(restrict(transition_graph(height_map, terrain, params)), terrain, params)
+    graph = LevelGraph(height_map, levels, terrain, params)
+    graph.graphs = [restrict(part) for part in graph.graphs]
+    return LevelPlanner(graph, terrain, params)
 
 
 def level_name(layer: int, count: int) -> str:
