@@ -781,7 +781,7 @@ class SimulatorParams(Section):
         "room", "simulated world",
         choices=(
             "ramp", "room", "rough", "street", "arch", "garage", "moving", "plain_ramp",
-            "plain_street", "corridor", "court", "pillars", "twin_rooms",
+            "plain_street", "corridor", "court", "pillars", "twin_rooms", "overpass",
         ),
     )  # fmt: skip
     seed: int = parameter(1, "seed of the world's details and of the noise, from 0 on")
