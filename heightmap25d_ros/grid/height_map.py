@@ -265,6 +265,16 @@ class HeightMap:
             probability=np.where(known, PROBABILITY_SCALE, 0).astype(np.uint16),
         )
 
+    def part(self, area: Area) -> HeightMap:
+        """An area of these cells, without a copy."""
+        here = area.slices(Area(0, 0, *self.geometry.shape))
+        return replace(
+            self,
+            geometry=self.geometry.part(area),
+            height=self.height[here],
+            probability=self.probability[here],
+        )
+
     @property
     def known(self) -> NDArray[np.bool_]:
         """(rows, columns): whether the height of a cell can be used."""
