@@ -26,6 +26,16 @@ def test_each_config_file_is_valid_for_each_node(path, node):
     assert read_yaml(path, node) is not None
 
 
+def test_namespaces_of_a_parameter_file_may_be_nested(tmp_path):
+    path = tmp_path / "robots.yaml"
+    path.write_text("robot: {mapping: {ros__parameters: {mapping.publish_rate: 3.5}}}")
+    assert read_yaml(path, "mapping").mapping.publish_rate == 3.5
+    assert read_yaml(path, "planning") == Params()
+    path.write_text("robot: {mapping: {ros__parameters: [1]}}")
+    with pytest.raises(InputError, match=r"robot/mapping.ros__parameters is not a mapping"):
+        read_yaml(path, "mapping")
+
+
 def test_the_lifecycle_manager_of_nav2_starts_our_nodes_before_who_needs_them():
     blocks = yaml.safe_load((CONFIG / "nav2.yaml").read_text())
     parameters = {name: block.get("ros__parameters") for name, block in blocks.items()}
