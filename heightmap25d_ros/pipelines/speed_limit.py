@@ -9,9 +9,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from heightmap25d_ros import se3
 from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, Area, HeightMap
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.terrain.gap_filling import fill_gaps
+from heightmap25d_ros.terrain.slices import SurfaceStack
 from heightmap25d_ros.terrain.traversability import analyse_ground, covering_disc
 
 
@@ -36,7 +38,7 @@ def speed_share(poses: NDArray[np.float64], height_map: HeightMap, params: Param
     (low_y, low_x), (rows, columns) = cells.min(axis=0), np.ptp(cells, axis=0) + 1
     reach = 2 * covering_disc(terrain, geometry.resolution).radius + 2
     area = Area(int(low_y), int(low_x), int(rows), int(columns)).grown(reach).within(whole)
-    window = fill_gaps(height_map.part(area), params.planner.max_gap)
+    window = fill_gaps(_level(height_map.part(area), poses[0], params), params.planner.max_gap)
     inside = cells - (area.iy, area.ix)
     is_inside = ((inside >= 0) & (inside < area.shape)).all(axis=1)
     iy, ix = inside[is_inside].T
@@ -51,6 +53,15 @@ def speed_share(poses: NDArray[np.float64], height_map: HeightMap, params: Param
         _between(roughness, limits.gentle_roughness, terrain.max_roughness),
     )
     return 1.0 - (1.0 - limits.least_speed) * worst
+
+
+def _level(height_map: HeightMap, pose: se3.Matrix, params: Params) -> HeightMap:
+    """The level of a map on which a pose (4, 4) is."""
+    if not len(height_map.upper):
+        return height_map
+    stack = SurfaceStack(height_map, params.levels, params.traversability)
+    surface = stack.surface_at(*map(float, pose[:3, 3]))
+    return height_map if surface is None else stack.followed(surface).height_map
 
 
 def _between(value: float, low: float, high: float) -> float:

@@ -3,6 +3,7 @@
 """The speed on ground of known slope and roughness."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 from properties import draws
 
 from heightmap25d_ros.grid.height_map import HeightMap
+from heightmap25d_ros.grid.levels import UpperSurfaces
 from heightmap25d_ros.params.by_name import with_values
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.speed_limit import ahead_of, speed_share
@@ -64,6 +66,18 @@ def test_unknown_ground_and_places_beyond_the_map_are_driven_at_least_speed():
     assert share(hole, path(9.0, 11.0)) == 0.3
     assert share(hole, path(9.0, 11.0, y=1.0)) == 1.0
     assert share(hole, path(18.0, 21.0), least_speed=0.5) == 0.5
+
+
+def test_the_ground_is_that_of_the_level_on_which_the_path_is():
+    rows, columns = (axis.ravel() for axis in np.mgrid[28:52, 0:160])
+    top = np.rint(240 + 100 * X[columns] * math.tan(0.27)).astype(int)
+    deck = UpperSurfaces.of(np.column_stack([rows, columns]), top, top - 20)
+    ground = HeightMap.from_metres(np.zeros(SHAPE), resolution=CELL)
+    below, above = path(5.0, 6.0), path(5.0, 6.0)
+    above[:, 2, 3] = 2.4 + above[:, 0, 3] * math.tan(0.27)
+    levels = replace(ground, upper=deck)
+    assert speed_share(below, levels, Params()) == 1.0
+    assert speed_share(above, levels, Params()) == pytest.approx(0.65, abs=0.015)
 
 
 @draws(20)
