@@ -33,6 +33,7 @@ def _info(options: argparse.Namespace) -> Figures:
             "resolution_m": geometry.resolution,
             "origin_m": list(geometry.origin),
             "ground_zero_m": geometry.ground_zero,
+            "upper_surfaces": len(heights.upper),
             "heights_m": [round(known.min(), 2), round(known.max(), 2)] if known.size else [],
             **cell_counts(heights, to_obstacle_map(heights, settings.traversability)),
         }

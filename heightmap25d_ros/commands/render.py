@@ -15,8 +15,11 @@ from heightmap25d_ros.commands.common import (
     read_params,
     require_map,
 )
+from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.io import atomic_directory, map_directory
 from heightmap25d_ros.io.trajectory import read_tum
+from heightmap25d_ros.params.sections import Params
+from heightmap25d_ros.terrain.slices import SurfaceStack
 from heightmap25d_ros.terrain.traversability import to_obstacle_map
 from heightmap25d_ros.viz import map_figures
 
@@ -29,8 +32,20 @@ def add_to(commands: Any) -> None:
                          help="directory for height.png, obstacles.png, blocks.png")  # fmt: skip
 
 
+def _levels(height_map: HeightMap, settings: Params) -> list[HeightMap]:
+    """The slices of a map of several levels; none of a map of one level."""
+    if not len(height_map.upper):
+        return []
+    stack = SurfaceStack(height_map, settings.levels, settings.traversability)
+    slices = stack.slices(stack.footprint_cells)
+    return [found.height_map for found in slices] if len(slices) > 1 else []
+
+
 def _render(options: argparse.Namespace) -> Figures:
-    """Draw a map directory: heights, obstacles, and blocks as in Fig. 2(c) of the paper."""
+    """Draw a map directory: heights, obstacles, and blocks as in Fig. 2(c) of the paper.
+
+    A map of several levels also gets heights and obstacles of each level.
+    """
     settings = read_params(options)
     require_map(options.map)
     check_output(options.output)
@@ -44,4 +59,9 @@ def _render(options: argparse.Namespace) -> Figures:
         map_figures.height_map(new / names[0], height_map, trajectory)
         map_figures.obstacle_map(new / names[1], obstacles, trajectory, height_map)
         map_figures.blocks(new / names[2], height_map, trajectory)
+        for number, level in enumerate(_levels(height_map, settings), 1):
+            converted = to_obstacle_map(level, settings.traversability)
+            names += [f"{name}_level_{number}.png" for name in ("height", "obstacles")]
+            map_figures.height_map(new / names[-2], level, trajectory)
+            map_figures.obstacle_map(new / names[-1], converted, trajectory, level)
     return {"pictures": [str(options.output / name) for name in names]}

@@ -8,7 +8,6 @@ every planner.
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict, dataclass
 from itertools import combinations
 
@@ -88,8 +87,7 @@ def evaluate_goals_on_levels(
 ) -> Reachability:
     """`evaluate_goals` over all levels of a map: starts and goals are on those of their z."""
     stack = SurfaceStack(height_map, levels, terrain)
-    area = math.pi * (terrain.robot_radius / height_map.geometry.resolution) ** 2
-    slices = stack.slices(max(1, int(area)))
+    slices = stack.slices(stack.footprint_cells)
     costs = [to_obstacle_map(found.height_map, terrain).cost for found in slices]
     admissible = np.array([(cost >= 0) & (cost < INFLATED) for cost in costs])
     parts = np.zeros(admissible.shape, np.int64)

@@ -16,6 +16,7 @@ cell, a path may go from one to the other. A map of one level is its own slice.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -100,7 +101,7 @@ class SurfaceStack:
         terrain: TraversabilityParams | None = None,
     ) -> None:
         levels, terrain = levels or LevelsParams(), terrain or TraversabilityParams()
-        self._height_map = height_map
+        self._height_map, self._terrain = height_map, terrain
         self._clear = round(levels.clear_height / HEIGHT_RESOLUTION)
         self._max_step = int(terrain.max_step / HEIGHT_RESOLUTION + 1e-6)
         self._reach = 1 + int(_GAP / height_map.geometry.resolution + 1e-6)
@@ -129,6 +130,12 @@ class SurfaceStack:
         self._bottom[below + 1 : -1, y, x] = self._bottom[below + 2 :, y, x]
         self.top[-1, y, x] = self._bottom[-1, y, x] = UNOBSERVED
         self._probability[-1, y, x] = 0
+
+    @property
+    def footprint_cells(self) -> int:
+        """Number of cells of the robot's disc: on less it cannot stand."""
+        radius = self._terrain.robot_radius / self.geometry.resolution
+        return max(1, int(math.pi * radius**2))
 
     @property
     def geometry(self) -> Geometry:

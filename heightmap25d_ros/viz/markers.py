@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from heightmap25d_ros import se3
-from heightmap25d_ros.grid.height_map import HeightMap
+from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, HeightMap
 from heightmap25d_ros.planning.graph import TransitionGraph
 from heightmap25d_ros.planning.search import UNREACHABLE, CostToGo
 from heightmap25d_ros.terrain.steps import NEIGHBOURS
@@ -30,7 +30,7 @@ ARROW_SPACING = 0.5
 
 
 def blocks(height_map: HeightMap) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Faces of the known cells as blocks, and their colours by height.
+    """Faces of the known cells as blocks, with those above as slabs, and their colours by height.
 
     Returns
     -------
@@ -40,8 +40,13 @@ def blocks(height_map: HeightMap) -> tuple[NDArray[np.float64], NDArray[np.float
     """
     shown = block_mesh.coarser(observed_part(height_map), MAX_BLOCKS)
     metres = shown.metres
-    faces = block_mesh.all_faces(shown.geometry, metres)
-    return faces.corners, block_mesh.colours(faces, palette.height_norm(metres))
+    tops = shown.upper.top * HEIGHT_RESOLUTION + shown.geometry.ground_zero
+    norm = palette.height_norm(np.concatenate([metres.ravel(), tops]))
+    parts = block_mesh.all_faces(shown.geometry, metres), block_mesh.slabs(shown)
+    return (
+        np.concatenate([part.corners for part in parts]),
+        np.concatenate([block_mesh.colours(part, norm) for part in parts]),
+    )
 
 
 def frontier(height_map: HeightMap, obstacles: ObstacleMap) -> HeightMap:

@@ -3,6 +3,7 @@
 """What viewers are shown: exact small maps, and what rclpy reads of our own serialization."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from visualization_msgs.msg import Marker
 
 from heightmap25d_ros.grid.height_map import Geometry, HeightMap
+from heightmap25d_ros.grid.levels import UpperSurfaces
 from heightmap25d_ros.params.sections import PlannerParams, TraversabilityParams
 from heightmap25d_ros.planning.graph import transition_graph
 from heightmap25d_ros.planning.search import cost_to_go
@@ -108,3 +110,18 @@ def test_rclpy_reads_the_triangles(frame):
     assert (seen[:, 3] == 1.0).all()
     read.points, read.colors = [], []
     assert read == marker
+
+
+def test_what_is_above_is_a_slab():
+    deck = UpperSurfaces.of([(0, 1)], top=[240], bottom=[210])
+    floor = HeightMap.from_metres([[0.0, 0.0, 0.0]])
+    without, _ = markers.blocks(floor)
+    corners, colours = markers.blocks(replace(floor, upper=deck))
+    slab = corners[len(without) :]
+    assert len(corners) == len(colours) == len(without) + 6
+    assert slab.reshape(-1, 3).min(axis=0) == pytest.approx((0.125, 0.0, 2.1))
+    assert slab.reshape(-1, 3).max(axis=0) == pytest.approx((0.25, 0.125, 2.4))
+    # Seen from outside, the corners are in counter-clockwise order.
+    middle = slab.reshape(-1, 3).mean(axis=0)
+    normals = np.cross(slab[:, 1] - slab[:, 0], slab[:, 2] - slab[:, 1])
+    assert (((slab.mean(axis=1) - middle) * normals).sum(axis=1) > 0.0).all()
