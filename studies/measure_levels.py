@@ -38,7 +38,7 @@ from heightmap25d_ros.simulation.recording import simulate
 
 WORLDS = ("overpass", "garage")
 ONE_LEVEL = ("ramp", "room", "rough", "street", "moving")
-SCAN_RATE = 37.5
+SCAN_RATE = 18.75
 _SAME_LEVEL = 0.35  # [m] of a pose from the surface that it is on
 
 

@@ -225,7 +225,7 @@ def overpass(rng: np.random.Generator) -> World:
         ramp((end, last), lane, (rise, 0.0), thickness=3.0),
         *(box((head, end), side, (rise - slab, rise + 0.7), is_overhead=True)
           for side in ((lane[0] - 0.2, lane[0]), (lane[1], lane[1] + 0.2))),
-        *walls(x, y, 1.6),
+        *walls(x, y, 3.6),
     ]  # fmt: skip
     middle, aside = (head + end) / 2, 3.3
     over = [(0.0, 0.0), (last + 1.2, 0.0), (last + 1.2, -aside), (middle, -aside),
