@@ -126,6 +126,12 @@ class Exploration:
         return self._run.elapsed if self._run is not None else 0.0
 
     @property
+    def min_gain(self) -> float:
+        """Area that a place must be expected to show [m^2]."""
+        run = self._run
+        return self._params.exploration.min_gain if run is None else run.task.min_gain
+
+    @property
     def corners(self) -> Array:
         """(N, 2) [m], map: of the boundary; empty: none."""
         return self._run.task.boundary.corners if self._run is not None else np.empty((0, 2))
