@@ -210,7 +210,8 @@ def read_goals(path: Path) -> GoalPairs:
         reachable, observed = (
             np.asarray(archive[name], bool) for name in ("reachable", "observed")
         )
-    if {start.shape, goal.shape} != {(len(start), 3)} or not np.isfinite([start, goal]).all():
+    is_pairs = start.ndim == 2 and start.shape == goal.shape == (len(start), 3)
+    if not (is_pairs and np.isfinite([start, goal]).all()):
         raise InputError(f"{path}: start and goal are not pairs of places")
     if {reachable.shape, observed.shape} != {(len(start),)}:
         raise InputError(f"{path}: reachable and observed are not one for each pair")
