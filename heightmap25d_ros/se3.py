@@ -72,6 +72,14 @@ def transform_points(pose: Matrix, points: Matrix) -> Matrix:
     return np.asarray(np.einsum("...ij,...j->...i", pose[..., :3, :3], points) + pose[..., :3, 3])
 
 
+def correction_about(pose: Matrix, shift: ArrayLike, yaw: float) -> Matrix:
+    """The motion (4, 4) that shifts a pose (4, 4) by (3,) [m] and turns it by a yaw [rad]."""
+    turn = from_xyz_rpy([0.0, 0.0, 0.0, 0.0, 0.0, yaw])
+    position = pose[:3, 3]
+    turn[:3, 3] = position - turn[:3, :3] @ position + shift
+    return turn
+
+
 def interpolate(stamps_ns: NDArray[np.int64], poses: Matrix, query_ns: ArrayLike) -> Matrix:
     """Poses between poses: position linearly, orientation by slerp.
 

@@ -9,14 +9,12 @@ heading per distance. How much the wheels slip is learned as well.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.localization.landmarks import Landmarks
-from heightmap25d_ros.localization.pose_filter import correction_about
+from heightmap25d_ros.localization.odometry_errors import Motion, OdometryErrors
 from heightmap25d_ros.localization.registration import Reason, Registration, rejected
 from heightmap25d_ros.localization.scan_update import Update, update_by_returns
 from heightmap25d_ros.params.sections import Params
@@ -35,40 +33,6 @@ _NEAR, _NEAR_YAW = 0.08, 0.03  # [m], [rad] deviation of a pose near which scans
 _SAME_PLACE, _SAME_YAW = 0.12, 0.05  # [m], [rad] between a registration and what scans found
 _MOST_RESIDUAL = 0.05  # [m] mean distance from the map, of at most 0.1 m a return
 _LEAST_INFORMATION = 1.0 / 0.3**2  # [1/m^2] that some direction must have
-
-
-@dataclass(eq=False, slots=True, kw_only=True)
-class OdometryErrors:
-    """How a robot's odometry errs, as learned so far.
-
-    Attributes
-    ----------
-    mean : (4,) float64
-        Slip, scale of distances, scale of turns, turn of the heading per distance [rad/m]: all to
-        be added to what odometry tells.
-    covariance : (4, 4) float64
-    slip_variance : float
-        About which the slip comes and goes.
-    turn_variance : float [rad]
-        That turning by a radian adds to the yaw [rad^2], besides these.
-    """
-
-    mean: Array
-    covariance: Array
-    slip_variance: float
-    turn_variance: float
-
-
-def unknown_errors(params: Params) -> OdometryErrors:
-    """Nothing has been learned yet."""
-    prior = params.scan_filter
-    spread = (prior.slip, prior.distance_scale, prior.turn_scale, prior.heading_bias)
-    return OdometryErrors(
-        mean=np.zeros(4),
-        covariance=np.diag(np.square(spread)),
-        slip_variance=prior.slip**2,
-        turn_variance=prior.turn_noise**2,
-    )
 
 
 class ScanFilter:
@@ -127,24 +91,21 @@ class ScanFilter:
         """The robot moved by odometry; poses (4, 4) of it before and after."""
         if np.array_equal(T_odom_before, T_odom_base):
             return
-        dx, dy, dz = (self.T_map_odom @ (T_odom_base - T_odom_before))[:3, 3]
-        turn = float(_yaw(T_odom_base @ se3.inverse(T_odom_before)))
-        heading = _yaw(self.T_map_odom @ T_odom_before)
-        forward = float(dx * np.cos(heading) + dy * np.sin(heading))
-        slip, scale, turn_scale, bias = self._mean
+        motion = Motion.between(self.T_map_odom, T_odom_before, T_odom_base)
+        dx, dy, _dz = motion.step
         change = np.eye(8)
         change[_X, _YAW], change[_Y, _YAW] = -dy, dx
         for state in (_SLIP, _SCALE):
-            change[[_X, _Y, _Z], state] = dx, dy, dz
-        change[_YAW, _TURN], change[_YAW, _BIAS] = turn, forward
-        kept = np.exp(-np.hypot(dx, dy) / self._params.scan_filter.slip_length)
+            change[[_X, _Y, _Z], state] = motion.step
+        change[_YAW, _TURN], change[_YAW, _BIAS] = motion.turn, motion.forward
+        distance = float(np.hypot(dx, dy))
+        kept = np.exp(-distance / self._params.scan_filter.slip_length)
         change[_SLIP, _SLIP] = kept
-        shift = (slip + scale) * np.array([dx, dy, dz])
-        more = turn_scale * turn + bias * forward
+        shift, yaw = motion.error(self._mean)
         self._mean[0] *= kept
         self._covariance = change @ self._covariance @ change.T
-        self._grow(float(np.hypot(dx, dy)), abs(turn), kept)
-        self._move(T_odom_base, (shift[0], shift[1], shift[2]), more)
+        self._grow(distance, abs(motion.turn), kept)
+        self._move(T_odom_base, shift, yaw)
 
     def _grow(self, distance: float, turn: float, kept: float) -> None:
         """Process noise of a distance [m] and a turn [rad]."""
@@ -164,25 +125,32 @@ class ScanFilter:
 
     def _move(self, T_odom_base: se3.Matrix, shift: tuple[float, float, float], yaw: float) -> None:
         T_map_base = self.T_map_odom @ T_odom_base
-        self.T_map_odom = correction_about(T_map_base, shift, yaw) @ self.T_map_odom
+        self.T_map_odom = se3.correction_about(T_map_base, shift, yaw) @ self.T_map_odom
 
     def update(self, returns: Array, T_odom_base: se3.Matrix, landmarks: Landmarks) -> Registration:
         """Take returns (N, 3) [m, odom] in, with the robot at a pose (4, 4) of the odometry."""
+        precision = np.asarray(np.linalg.inv(self._covariance[_POSE, _POSE]))
+        found, usable = self._look(returns, T_odom_base, landmarks, precision)
+        if usable is not None:
+            of_pose = np.asarray(np.linalg.inv(precision + usable.information))
+            self._learn_turns(usable.error[_YAW], of_pose[_YAW, _YAW])
+            self._correct(usable.error[_POSE], of_pose, precision, T_odom_base)
+        return found
+
+    def _look(
+        self, returns: Array, T_odom_base: se3.Matrix, landmarks: Landmarks, precision: Array
+    ) -> tuple[Registration, Update | None]:
+        """Hold returns to the map, with a prior of a precision (4, 4); what may be used of it."""
         params = self._params.scan_filter
         if len(returns) < params.min_returns:
-            return rejected(Reason.FEW_POINTS, len(returns))
+            return rejected(Reason.FEW_POINTS, len(returns)), None
         position = (self.T_map_odom @ T_odom_base)[:3, 3]
         seen = se3.transform_points(self.T_map_odom, returns) - position
-        precision = np.asarray(np.linalg.inv(self._covariance[_POSE, _POSE]))
         found = update_by_returns(
             np.ascontiguousarray(seen), np.ascontiguousarray(position), precision, landmarks, params
         )
-        reason = self._judged(found)
-        if reason in (Reason.ACCEPTED, Reason.UNOBSERVED):
-            self._learn_turns(found, precision)
-            self._correct(found.error[_POSE], found.information, precision, T_odom_base)
-        return Registration(
-            reason=reason,
+        registration = Registration(
+            reason=self._judged(found),
             offset=found.error[[_X, _Y, _YAW]],
             z=float(found.error[_Z]),
             information=found.information[_PLANAR],
@@ -192,20 +160,21 @@ class ScanFilter:
             ratio=0.0,
             points=len(returns),
         )
+        is_usable = registration.reason in (Reason.ACCEPTED, Reason.UNOBSERVED)
+        return registration, found if is_usable else None
 
-    def _learn_turns(self, found: Update, precision: Array) -> None:
-        """Learn the noise of turns from what an update tells of the yaw since the one before.
+    def _learn_turns(self, error: float, after: float) -> None:
+        """Learn the noise of turns from the error of the yaw [rad] and its variance after it.
 
         One step of expectation maximisation, forgetting over some radians: of the yaw that noise
-        added, the update gives mean and variance.
+        added since the update before, this one gives mean and variance.
         """
         if self._turned == 0.0:
             return
         added = self._turn_variance * self._turned
         prior = self._covariance[_YAW, _YAW]
         share = min(added / prior, 1.0)
-        after = np.linalg.inv(precision + found.information)[_YAW, _YAW]
-        squared = (share * found.error[_YAW]) ** 2 + added - share**2 * max(prior - after, 0.0)
+        squared = (share * error) ** 2 + added - share**2 * max(prior - after, 0.0)
         part = min(self._turned / _TURN_LENGTH, 1.0)
         self._turn_variance += part * (squared / self._turned - self._turn_variance)
         least = self._params.scan_filter.yaw_drift**2
@@ -213,35 +182,29 @@ class ScanFilter:
         self._turned = 0.0
 
     def settle(self, returns: Array, T_odom_base: se3.Matrix, landmarks: Landmarks) -> None:
-        """As `update`, but the pose stays as uncertain as it is: this may be another place."""
-        covariance, mean = self._covariance, self._mean.copy()
+        """Follow the map near the pose, which stays as uncertain as it is: it may be elsewhere."""
         found, _ = self._look_near(returns, T_odom_base, landmarks)
-        self._covariance, self._mean = covariance, mean
         self._is_settling |= found.is_accepted
 
     def prove(self, returns: Array, T_odom_base: se3.Matrix, landmarks: Landmarks) -> Registration:
-        """As `update` at a pose that was proposed: scans look nearer than it is uncertain.
-
-        What they tell is added to the covariance from before.
-        """
-        before, mean = self._covariance, self._mean.copy()
+        """As `update` at a pose that was proposed: scans look nearer than it is uncertain."""
         found, information = self._look_near(returns, T_odom_base, landmarks)
-        precision = np.asarray(np.linalg.inv(before[_POSE, _POSE]))
-        self._covariance, self._mean = before, mean
-        self._correct(np.zeros(4), information, precision, T_odom_base)
+        precision = np.asarray(np.linalg.inv(self._covariance[_POSE, _POSE]))
+        of_pose = np.asarray(np.linalg.inv(precision + information))
+        self._correct(np.zeros(4), of_pose, precision, T_odom_base)
         return found
 
     def _look_near(
         self, returns: Array, T_odom_base: se3.Matrix, landmarks: Landmarks
     ) -> tuple[Registration, Array]:
-        """Update with a narrow prior; and the information (4, 4) without that."""
-        narrow = np.zeros((8, 8))
-        narrow[_POSE, _POSE] = np.diag(np.square([_NEAR, _NEAR, _NEAR_YAW, _NEAR]))
-        narrow[4:, 4:] = self._covariance[4:, 4:]
-        self._covariance = narrow
-        found = self.update(returns, T_odom_base, landmarks)
-        after = np.linalg.inv(self._covariance[_POSE, _POSE])
-        return found, np.asarray(after - np.linalg.inv(narrow[_POSE, _POSE]))
+        """Move to where returns fit near the pose; and the information (4, 4) of that."""
+        precision = np.diag(np.square([1 / _NEAR, 1 / _NEAR, 1 / _NEAR_YAW, 1 / _NEAR]))
+        found, usable = self._look(returns, T_odom_base, landmarks, precision)
+        if usable is None:
+            return found, np.zeros((4, 4))
+        x, y, yaw, z = usable.error[_POSE]
+        self._move(T_odom_base, (x, y, z), float(yaw))
+        return found, usable.information
 
     def has_settled_near(self, registration: Registration) -> bool:
         """Whether scans led to the same place as the first registration of a short-term map."""
@@ -262,11 +225,13 @@ class ScanFilter:
         return Reason.ACCEPTED
 
     def _correct(
-        self, error: Array, information: Array, precision: Array, T_odom_base: se3.Matrix
+        self, error: Array, of_pose: Array, precision: Array, T_odom_base: se3.Matrix
     ) -> None:
-        """Move the pose by its error (4,); the other states follow what they go with."""
+        """Move the pose by its error (4,); the other states follow what they go with.
+
+        Covariance (4, 4) of the pose after that, and its inverse before.
+        """
         before = self._covariance
-        of_pose = np.asarray(np.linalg.inv(precision + information))
         follow = before[4:, _POSE] @ precision
         after = np.empty((8, 8))
         after[_POSE, _POSE] = of_pose
@@ -283,12 +248,8 @@ class ScanFilter:
         information[_PLANAR] = registration.information
         information[_Z, _Z] = 1.0 / _Z_VARIANCE
         precision = np.asarray(np.linalg.inv(self._covariance[_POSE, _POSE]))
+        of_pose = np.asarray(np.linalg.inv(precision + information))
         x, y, yaw = registration.offset
-        weighted = information @ (x, y, yaw, registration.z)
-        error = np.asarray(np.linalg.inv(precision + information)) @ weighted
+        error = of_pose @ information @ (x, y, yaw, registration.z)
         error[_Z] = registration.z
-        self._correct(error, information, precision, T_odom_base)
-
-
-def _yaw(T: se3.Matrix) -> float:
-    return float(np.arctan2(T[1, 0], T[0, 0]))
+        self._correct(error, of_pose, precision, T_odom_base)

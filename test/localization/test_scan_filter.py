@@ -10,8 +10,9 @@ from landmark_worlds import CORRIDOR, ROOM, ground_returns, landmarks_seen_by, w
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.localization import scan_update
+from heightmap25d_ros.localization.odometry_errors import unknown_errors
 from heightmap25d_ros.localization.registration import Reason
-from heightmap25d_ros.localization.scan_filter import ScanFilter, unknown_errors
+from heightmap25d_ros.localization.scan_filter import ScanFilter
 from heightmap25d_ros.localization.scan_window import ScanWindow
 from heightmap25d_ros.mapping.sensor_model import Beams
 from heightmap25d_ros.params.sections import Params, ScanFilterParams
