@@ -31,7 +31,9 @@ _TURN_LENGTH = 6.0  # [rad] of turning over which the noise of turns is learned
 _MOST_TURN_NOISE = 0.2  # [rad] that a radian of turning adds to the yaw at most
 _NEAR, _NEAR_YAW = 0.08, 0.03  # [m], [rad] deviation of a pose near which scans search
 _SAME_PLACE, _SAME_YAW = 0.12, 0.05  # [m], [rad] between a registration and what scans found
-_MOST_RESIDUAL = 0.05  # [m] mean distance from the map, of at most 0.1 m a return
+_MOST_RESIDUAL = 0.05  # [m] mean distance from the map, of at most 0.1 m a return: as by chance
+_SHARP_RESIDUAL = 0.03  # [m] so small only at the right place
+_LEAST_SHARP_OVERLAP = 0.2  # with such a residual: doors are open now, furniture has moved
 _LEAST_INFORMATION = 1.0 / 0.3**2  # [1/m^2] that some direction must have
 
 
@@ -214,9 +216,10 @@ class ScanFilter:
 
     def _judged(self, found: Update) -> Reason:
         params = self._params
+        is_sharp = found.residual <= _SHARP_RESIDUAL
+        least = _LEAST_SHARP_OVERLAP if is_sharp else params.registration.min_overlap
         # A laser that sees farther than the map reaches is no sign of a wrong place.
-        least = params.registration.min_overlap * found.near_known
-        if found.over_known < max(least, params.scan_filter.min_returns):
+        if found.over_known < max(least * found.near_known, params.scan_filter.min_returns):
             return Reason.LITTLE_OVERLAP
         if found.residual > _MOST_RESIDUAL:
             return Reason.HIGH_RESIDUAL

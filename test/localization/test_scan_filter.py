@@ -144,6 +144,30 @@ def test_a_scale_of_the_odometry_is_learned(room):
     assert slip + scale == pytest.approx(0.03, abs=0.01)
 
 
+@pytest.mark.parametrize("share", [0.35, 0.6])
+def test_where_much_has_changed_the_rest_tells_the_place_if_it_fits_sharply(share):
+    """Walls alone, as level lasers see them: of the ground nothing is known."""
+    rng = np.random.default_rng(5)
+    room = landmarks_seen_by(wall_returns(rng, 40000, ROOM, noise=0.01))
+    true = se3.from_xyz_rpy([0.3, 0.1, 0.0, 0.0, 0.0, 0.4])
+    old = wall_returns(rng, round(600 * share), ROOM, noise=0.01)
+    new = np.column_stack([rng.uniform((-2.8, -1), (3, 1), (600 - len(old), 2)),
+                           rng.uniform(0.3, 0.8, 600 - len(old))])  # fmt: skip
+    returns = se3.transform_points(se3.inverse(true), np.concatenate([old, new]))
+    estimate = estimate_at(se3.from_xyz_rpy([0.34, 0.06, 0.0, 0.0, 0.0, 0.42]))
+    found = estimate.update(returns, np.eye(4), room)
+    assert found.reason is Reason.ACCEPTED
+    assert found.overlap < PARAMS.registration.min_overlap
+    assert np.abs((estimate.T_map_odom - true)[:2, 3]).max() < 0.01
+    for elsewhere in (
+        [1.3, 0.1, 0, 0, 0, 0.4],
+        [-0.5, 0.3, 0, 0, 0, 1.4],
+        [0.3, 0.5, 0, 0, 0, 0.7],
+    ):
+        wrong = estimate_at(se3.from_xyz_rpy(elsewhere))
+        assert not wrong.update(returns, np.eye(4), room).is_accepted
+
+
 def test_what_contradicts_the_map_changes_nothing(room):
     estimate = estimate_at(np.eye(4))
     rng = np.random.default_rng(3)
