@@ -13,7 +13,7 @@ from typing import Any
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.srv import GetMap
-from sensor_msgs.msg import LaserScan
+from sensor_msgs.msg import LaserScan, PointCloud2
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
@@ -42,16 +42,30 @@ class MappingNode(ManagedNode):
     """
 
     NAME = "mapping"
-    PARAMETERS = ("grid", "sensor", "mapper", "traversability", "intake", "odometry", "mapping")
+    PARAMETERS = (
+        "grid",
+        "sensor",
+        "mapper",
+        "traversability",
+        "intake",
+        "cloud",
+        "odometry",
+        "mapping",
+    )
 
     def inputs(self) -> list[Input]:
-        """Lasers, poses, transforms, and what localization says."""
+        """Lasers, clouds, poses, transforms, and what localization says."""
         scans = [
             Input(LaserScan, topic, partial(self._on_scan, topic), qos.SCANS, is_needed=True)
             for topic in self.params.intake.scan_topics
         ]
+        clouds = [
+            Input(PointCloud2, topic, partial(self._on_cloud, topic), qos.CLOUDS, is_needed=True)
+            for topic in self.params.intake.cloud_topics
+        ]
         return [
             *scans,
+            *clouds,
             *pose_inputs(
                 self.params.intake, self._on_odometry, self._on_transforms, self.flatness
             ),
@@ -162,6 +176,9 @@ class MappingNode(ManagedNode):
 
     def _on_scan(self, topic: str, message: LaserScan) -> None:
         self._count(self._mapping.take_scan(topic, message))
+
+    def _on_cloud(self, topic: str, message: PointCloud2) -> None:
+        self._count(self._mapping.take_cloud(topic, message))
 
     def _on_odometry(self, message: Any) -> None:
         self._count(self._mapping.take_odometry(message))

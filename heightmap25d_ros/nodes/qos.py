@@ -23,6 +23,9 @@ POSES = QoSProfile(depth=100)
 SCANS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 """As qos_profile_sensor_data, but deep enough for the scans that come while a map is converted."""
 
+CLOUDS = QoSProfile(depth=10)
+"""Of point clouds: megabytes each, of which best effort would lose parts; see `best_effort`."""
+
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Of maps and plans: reliable, and a late subscriber gets the newest one."""
 

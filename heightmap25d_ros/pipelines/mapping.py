@@ -18,7 +18,7 @@ from heightmap25d_ros.grid.height_map import Area, Geometry, HeightMap
 from heightmap25d_ros.io import decode, layers_file, map_directory
 from heightmap25d_ros.io.decode import Odometry
 from heightmap25d_ros.localization.layers import LayerMap, LocalizationLayers
-from heightmap25d_ros.mapping import sensor_model
+from heightmap25d_ros.mapping import cloud, sensor_model
 from heightmap25d_ros.mapping.mapper import Mapper
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.drops import Drops
@@ -43,6 +43,8 @@ def compile_kernels(params: Params) -> None:
 
     It takes seconds when nothing is cached: too long for a node whose messages queue up.
     """
+    if params.intake.cloud_topics:
+        cloud.compile_kernels()
     scratch = HeightGrid(replace(params.grid, extent=_SCRATCH_EXTENT))
     beam = np.array([[0.0, 0.0, 1.0]])
     Mapper(scratch, params.sensor, params.mapper).integrate(
@@ -174,6 +176,11 @@ class Mapping:
         return self._params.intake.scan_topics
 
     @property
+    def cloud_topics(self) -> tuple[str, ...]:
+        """The topics that `take_cloud` knows."""
+        return self._params.intake.cloud_topics
+
+    @property
     def odometry(self) -> Odometry | None:
         """The newest pose of the robot in its odometry's frame."""
         return self._queue.odometry
@@ -181,6 +188,10 @@ class Mapping:
     def take_scan(self, topic: str, message: Any) -> list[Reading]:
         """Take a sensor_msgs/LaserScan of one of ``intake.scan_topics`` in."""
         return self._merge(self._queue.take_scan(topic, message))
+
+    def take_cloud(self, topic: str, message: Any) -> list[Reading]:
+        """Take a sensor_msgs/PointCloud2 of one of ``intake.cloud_topics`` in."""
+        return self._merge(self._queue.take_cloud(topic, message))
 
     def take_odometry(self, message: Any) -> list[Reading]:
         """Take a pose of the robot in, see `robot_pose`."""
@@ -348,7 +359,7 @@ class Mapping:
         for reading in readings:
             if not self._has_begun:
                 self._begin(reading.T_map_base[0])
-            beams = reading.beams(self._params.sensor, self._params.mapper.lone_return)
+            beams = reading.beams(self._params)
             result = self._mapper.integrate(beams)
             if self._layers is not None:
                 self._layers.integrate(beams)
