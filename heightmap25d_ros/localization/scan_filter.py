@@ -9,6 +9,8 @@ heading per distance. How much the wheels slip is learned as well.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from heightmap25d_ros import se3
@@ -16,7 +18,7 @@ from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.localization.landmarks import Landmarks
 from heightmap25d_ros.localization.odometry_errors import Motion, OdometryErrors
 from heightmap25d_ros.localization.registration import Reason, Registration, rejected
-from heightmap25d_ros.localization.scan_update import Update, update_by_returns
+from heightmap25d_ros.localization.scan_update import FIT, Update, update_by_returns
 from heightmap25d_ros.params.sections import Params
 
 _X, _Y, _YAW, _Z, _SLIP, _SCALE, _TURN, _BIAS = range(8)
@@ -30,9 +32,13 @@ _LEAST_SLIP = 0.01
 _TURN_LENGTH = 6.0  # [rad] of turning over which the noise of turns is learned
 _MOST_TURN_NOISE = 0.2  # [rad] that a radian of turning adds to the yaw at most
 _NEAR, _NEAR_YAW = 0.08, 0.03  # [m], [rad] deviation of a pose near which scans search
+_NEARBY: Array = np.diag(np.square([1 / _NEAR, 1 / _NEAR, 1 / _NEAR_YAW, 1 / _NEAR]))
 _SAME_PLACE, _SAME_YAW = 0.12, 0.05  # [m], [rad] between a registration and what scans found
 _MOST_RESIDUAL = 0.05  # [m] mean distance from the map, of at most 0.1 m a return: as by chance
 _SHARP_RESIDUAL = 0.03  # [m] so small only at the right place
+_MISSED_TURNS = -0.24, -0.16, -0.08, 0.08, 0.16, 0.24  # [rad] that are tried
+_LEAST_STEP = 0.03  # [m] that odometry tells, to be doubted
+_MISSED_GAIN = 1.3  # of the fit, to believe that odometry is wrong
 _LEAST_SHARP_OVERLAP = 0.2  # with such a residual: doors are open now, furniture has moved
 _LEAST_INFORMATION = 1.0 / 0.3**2  # [1/m^2] that some direction must have
 
@@ -66,6 +72,7 @@ class ScanFilter:
         self._slip_variance = errors.slip_variance
         self._turn_variance = errors.turn_variance
         self._turned = 0.0  # [rad] since the last update
+        self._T_odom_used: se3.Matrix | None = None  # at the last update that moved the pose
         self._is_settling = False
 
     @property
@@ -133,11 +140,52 @@ class ScanFilter:
         """Take returns (N, 3) [m, odom] in, with the robot at a pose (4, 4) of the odometry."""
         precision = np.asarray(np.linalg.inv(self._covariance[_POSE, _POSE]))
         found, usable = self._look(returns, T_odom_base, landmarks, precision)
+        if not self._is_sharp(found) and self._moved_otherwise(
+            returns, T_odom_base, landmarks, _MISSED_GAIN * _fit(found)
+        ):
+            precision = np.asarray(np.linalg.inv(self._covariance[_POSE, _POSE]))
+            found, usable = self._look(returns, T_odom_base, landmarks, precision)
         if usable is not None:
             of_pose = np.asarray(np.linalg.inv(precision + usable.information))
             self._learn_turns(usable.error[_YAW], of_pose[_YAW, _YAW])
             self._correct(usable.error[_POSE], of_pose, precision, T_odom_base)
+            self._T_odom_used = T_odom_base
         return found
+
+    def _moved_otherwise(
+        self, returns: Array, T_odom_base: se3.Matrix, landmarks: Landmarks, least_fit: float
+    ) -> bool:
+        """Whether returns fit better if the robot moved otherwise than its odometry tells.
+
+        The pose is then moved there, and is as uncertain as the two are apart.
+        """
+        before, best = self.T_map_odom, None
+        for start in self._other_motions(T_odom_base):
+            self._move(T_odom_base, (start[_X], start[_Y], 0.0), start[_YAW])
+            found, usable = self._look(returns, T_odom_base, landmarks, _NEARBY)
+            self.T_map_odom = before
+            if usable is not None and _fit(found) > least_fit:
+                least_fit, best = _fit(found), start + usable.error[_POSE]
+        if best is None:
+            return False
+        self._move(T_odom_base, (best[_X], best[_Y], best[_Z]), best[_YAW])
+        self._covariance[_POSE, _POSE] += np.outer(best, best)
+        return True
+
+    def _other_motions(self, T_odom_base: se3.Matrix) -> Iterator[Array]:
+        """What to add to x, y, yaw, z (4,) of the robot if its odometry is wrong since last used.
+
+        It missed a turn; the wheels spun; or it tells the way without its sign, as encoders with
+        one channel do.
+        """
+        for turn in _MISSED_TURNS:
+            yield np.array([0.0, 0.0, turn, 0.0])
+        if self._T_odom_used is None:
+            return
+        dx, dy, dz = (self.T_map_odom @ (T_odom_base - self._T_odom_used))[:3, 3]
+        if np.hypot(dx, dy) > _LEAST_STEP:
+            for times in (1.0, 2.0):
+                yield -times * np.array([dx, dy, 0.0, dz])
 
     def _look(
         self, returns: Array, T_odom_base: se3.Matrix, landmarks: Landmarks, precision: Array
@@ -200,8 +248,7 @@ class ScanFilter:
         self, returns: Array, T_odom_base: se3.Matrix, landmarks: Landmarks
     ) -> tuple[Registration, Array]:
         """Move to where returns fit near the pose; and the information (4, 4) of that."""
-        precision = np.diag(np.square([1 / _NEAR, 1 / _NEAR, 1 / _NEAR_YAW, 1 / _NEAR]))
-        found, usable = self._look(returns, T_odom_base, landmarks, precision)
+        found, usable = self._look(returns, T_odom_base, landmarks, _NEARBY)
         if usable is None:
             return found, np.zeros((4, 4))
         x, y, yaw, z = usable.error[_POSE]
@@ -213,6 +260,10 @@ class ScanFilter:
         was_settling, self._is_settling = self._is_settling, False
         x, y, yaw = registration.offset
         return was_settling and np.hypot(x, y) < _SAME_PLACE and abs(yaw) < _SAME_YAW
+
+    def _is_sharp(self, found: Registration) -> bool:
+        least = self._params.registration.min_overlap
+        return found.overlap >= least and found.residual <= _SHARP_RESIDUAL
 
     def _judged(self, found: Update) -> Reason:
         params = self._params
@@ -256,3 +307,8 @@ class ScanFilter:
         error = of_pose @ information @ (x, y, yaw, registration.z)
         error[_Z] = registration.z
         self._correct(error, of_pose, precision, T_odom_base)
+
+
+def _fit(found: Registration) -> float:
+    """Share of the returns that fit, by how closely they do."""
+    return found.overlap * max(1.0 - found.residual / FIT, 0.0)
