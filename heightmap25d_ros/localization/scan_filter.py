@@ -38,6 +38,7 @@ _MOST_RESIDUAL = 0.05  # [m] mean distance from the map, of at most 0.1 m a retu
 _SHARP_RESIDUAL = 0.03  # [m] so small only at the right place
 _MISSED_TURNS = -0.24, -0.16, -0.08, 0.08, 0.16, 0.24  # [rad] that are tried
 _LEAST_STEP = 0.03  # [m] that odometry tells, to be doubted
+_TOLD_APART = 3.0  # standard deviations between two motions that returns tell apart
 _MISSED_GAIN = 1.3  # of the fit, to believe that odometry is wrong
 _LEAST_SHARP_OVERLAP = 0.2  # with such a residual: doors are open now, furniture has moved
 _LEAST_INFORMATION = 1.0 / 0.3**2  # [1/m^2] that some direction must have
@@ -164,7 +165,10 @@ class ScanFilter:
             self._move(T_odom_base, (start[_X], start[_Y], 0.0), start[_YAW])
             found, usable = self._look(returns, T_odom_base, landmarks, _NEARBY)
             self.T_map_odom = before
-            if usable is not None and _fit(found) > least_fit:
+            if usable is None or not self._is_sharp(found):
+                continue
+            is_told_apart = start @ usable.information @ start > _TOLD_APART**2
+            if is_told_apart and _fit(found) > least_fit:
                 least_fit, best = _fit(found), start + usable.error[_POSE]
         if best is None:
             return False

@@ -328,7 +328,7 @@ class Tracker:
                     view = _View(surface, points, T_odom_base)
         self.health.update(found, self.estimate.deviation[0])
         if found.is_accepted and self.health.state is State.TRACKING:
-            self._learn(self.estimate.errors)
+            self._learn(estimate.errors)
         return self._attempt(Kind.TRACKING, found, view, stamp_ns)
 
     def _learn(self, errors: OdometryErrors) -> None:

@@ -168,6 +168,25 @@ def test_where_much_has_changed_the_rest_tells_the_place_if_it_fits_sharply(shar
         assert not wrong.update(returns, np.eye(4), room).is_accepted
 
 
+@pytest.mark.parametrize(
+    ("true", "told"),
+    [((0.3, 0.0, 0.0), (0.3, 0.0, 0.17)), ((0.0, 0.0, 0.0), (0.3, 0.0, 0.0)),
+     ((-0.15, 0.0, 0.0), (0.15, 0.0, 0.0))],
+    ids=["a turn that did not happen", "wheels that spin", "a way without its sign"],
+)  # fmt: skip
+def test_a_motion_that_the_odometry_is_wrong_about_is_found(room, true, told):
+    begin = se3.from_xyz_rpy([0.2, 0.1, 0.0, 0.0, 0.0, 0.3])
+    estimate = estimate_at(begin, (0.01, 0.01, 0.005))
+    estimate.update(seen_from(begin, ROOM), np.eye(4), room)
+    T_true, T_told = (se3.from_xyz_rpy([x, y, 0.0, 0.0, 0.0, yaw]) for x, y, yaw in (true, told))
+    estimate.predict(np.eye(4), T_told)
+    returns = se3.transform_points(T_told, seen_from(begin @ T_true, ROOM, seed=4))
+    assert estimate.update(returns, T_told, room).is_accepted
+    apart = se3.inverse(begin @ T_true) @ estimate.T_map_odom @ T_told
+    assert np.abs(apart[:2, 3]).max() < 0.02
+    assert abs(apart[1, 0]) < 0.01
+
+
 def test_what_contradicts_the_map_changes_nothing(room):
     estimate = estimate_at(np.eye(4))
     rng = np.random.default_rng(3)
