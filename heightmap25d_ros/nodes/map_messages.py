@@ -6,11 +6,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from nav_msgs.msg import OccupancyGrid
+from numpy.typing import NDArray
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Float32MultiArray, MultiArrayDimension
 
-from heightmap25d_msgs.msg import HeightGrid
+from heightmap25d_msgs.msg import HeightGrid, UpperSurfaces
 from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.io import encode
 from heightmap25d_ros.nodes.map_transform import AnchorTransform
@@ -21,9 +23,15 @@ try:
 except ImportError:
     GridMap = None
 
+try:
+    from map_msgs.msg import OccupancyGridUpdate
+except ImportError:
+    OccupancyGridUpdate = None
+
 Maps = tuple[HeightMap, ObstacleMap]
 
 TOPICS = {
+    "upper_surfaces": UpperSurfaces,  # before the grid of the same stamp, with which it is read
     "height_grid": HeightGrid,
     "map": OccupancyGrid,
     "cost_map": OccupancyGrid,
@@ -33,6 +41,13 @@ TOPICS = {
 
 if GridMap is not None:
     TOPICS["grid_map"] = GridMap
+
+
+UPDATE = OccupancyGridUpdate
+"""Type of an update of a map; None where map_msgs is not installed."""
+
+UPDATED_TOPICS = () if UPDATE is None else ("map", "cost_map")
+"""The topics of which updates are published."""
 
 
 def message_of(topic: str, maps: Maps, stamp: int, frame: str, anchor: AnchorTransform) -> Any:
@@ -51,7 +66,9 @@ def message_of(topic: str, maps: Maps, stamp: int, frame: str, anchor: AnchorTra
     """
     height_map, obstacle_map = maps
     message = TOPICS[topic]()
-    if topic == "height_grid":
+    if topic == "upper_surfaces":
+        encode.fill_upper_surfaces(message, height_map, stamp, frame)
+    elif topic == "height_grid":
         encode.fill_height_grid(message, height_map, stamp, frame)
     elif topic == "height_points":
         encode.fill_height_points(
@@ -62,6 +79,32 @@ def message_of(topic: str, maps: Maps, stamp: int, frame: str, anchor: AnchorTra
             message, Float32MultiArray, MultiArrayDimension, height_map, stamp, frame
         )
     else:
-        cells = obstacle_map.occupancy if topic == "map" else obstacle_map.cost
+        cells = _occupancy(topic, obstacle_map)
         encode.fill_occupancy_grid(message, cells, height_map.geometry, stamp, frame)
     return message
+
+
+def update_of(
+    topic: str, part: ObstacleMap, corner: tuple[int, int], stamp: int, frame: str
+) -> Any:
+    """The map_msgs/OccupancyGridUpdate of one of `UPDATED_TOPICS`.
+
+    Parameters
+    ----------
+    topic : str
+    part : ObstacleMap
+        The cells that are replaced.
+    corner : (row, column)
+        Of the first of them in the whole map.
+    stamp : int [ns]
+    frame : str
+        Of the map.
+    """
+    message = UPDATE()
+    encode.fill_occupancy_grid_update(message, _occupancy(topic, part), corner, stamp, frame)
+    return message
+
+
+def _occupancy(topic: str, obstacle_map: ObstacleMap) -> NDArray[np.int8]:
+    """(rows, columns) int8: the cells of ``map`` or of ``cost_map``."""
+    return obstacle_map.occupancy if topic == "map" else obstacle_map.cost
