@@ -52,7 +52,7 @@ _COLUMNS = (
 
 def add_to(commands: Any) -> None:
     """Add ``localize``."""
-    command = add_command(commands, "localize", _localize, "the pose of a bag, held to a map")
+    command = add_command(commands, "localize", _localize)
     command.add_argument("bag", type=Path, metavar="BAG", help="rosbag2 directory, or a file of it")
     command.add_argument("--map", type=Path, required=True, metavar="DIR",
                          help="map directory of the long-term map")  # fmt: skip
