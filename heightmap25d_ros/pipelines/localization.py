@@ -41,6 +41,7 @@ _AROUND = 2  # [cells] around a place that tell the height of the ground there
 
 def compile_kernels(params: Params) -> None:
     """Compile, or load from numba's cache, all that the first registration or search needs."""
+    se3.compile_kernels()
     if params.intake.cloud_topics:
         cloud.compile_kernels()
     surface = Surface(np.zeros((4, 4), np.float32), np.zeros((4, 4), bool), (0.0, 0.0), 1.0)

@@ -44,6 +44,7 @@ def compile_kernels(params: Params) -> None:
 
     It takes seconds when nothing is cached: too long for a node whose messages queue up.
     """
+    se3.compile_kernels()
     if params.intake.cloud_topics:
         cloud.compile_kernels()
     scratch = HeightGrid(replace(params.grid, extent=_SCRATCH_EXTENT), levels=params.levels)
