@@ -27,8 +27,8 @@ from heightmap25d_ros.version import VERSION
 EXIT_UNUSABLE = 2
 EXIT_INTERRUPTED = 130
 COMMANDS = (
-    "map", "localize", "plan", "convert", "render", "evaluate", "info", "view", "simulate",
-    "bringup",
+    "map", "localize", "plan", "explain", "convert", "render", "evaluate", "info", "view",
+    "simulate", "bringup",
 )  # fmt: skip
 """The commands in the order of ``--help``; each is a module of `commands` with an ``add_to``."""
 REPLAY = "heightmap25d_ros.executables", "replay"
@@ -70,14 +70,17 @@ def _exit(signal_number: int, frame: FrameType | None) -> None:
 
 
 def _with_negative_coordinates(arguments: list[str]) -> list[str]:
-    """Arguments in which ``--goal -4,0`` is ``--goal=-4,0``: argparse takes -4,0 for an option."""
+    """Arguments in which ``--goal -4,0`` is ``--goal=-4,0``: argparse takes -4,0 for an option.
+
+    It does not where a space comes first, which numbers may have.
+    """
     joined: list[str] = []
     for argument in arguments:
         is_coordinates = re.fullmatch(r"-[\d.][^ ]*,[^ ]*", argument)
         if is_coordinates and joined and joined[-1].startswith("--") and "=" not in joined[-1]:
             joined[-1] += f"={argument}"
         else:
-            joined.append(argument)
+            joined.append(f" {argument}" if is_coordinates else argument)
     return joined
 
 

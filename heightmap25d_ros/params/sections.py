@@ -633,6 +633,12 @@ class SimulatorParams(Section):
     )  # fmt: skip
     scan_rate: float = parameter(37.5, "scan rate of each laser", "Hz", low=0.1, high=75.0)
     nodding: bool = parameter(False, "whether the robot carries a third, nodding laser")
+    lidar_rings: int = parameter(
+        0, "rings of a 3-D lidar in place of the lasers, from 8 on; 0: none", low=0, high=128
+    )
+    depth_camera: bool = parameter(
+        False, "whether the robot carries a depth camera in place of the lasers"
+    )
     true_odometry: bool = parameter(False, "whether odometry is free of errors")
 
 

@@ -12,9 +12,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from heightmap25d_ros import memory, se3
+from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_grid import TILE, HeightGrid, anchor_at
-from heightmap25d_ros.grid.height_map import Area, Geometry, HeightMap
+from heightmap25d_ros.grid.height_map import (
+    HEIGHT_RESOLUTION,
+    PROBABILITY_SCALE,
+    Area,
+    Geometry,
+    HeightMap,
+)
 from heightmap25d_ros.io import decode, layers_file, map_directory
 from heightmap25d_ros.io.decode import Odometry
 from heightmap25d_ros.localization.layers import LayerMap, LocalizationLayers
@@ -26,6 +33,7 @@ from heightmap25d_ros.pipelines.input_watch import InputWatch
 from heightmap25d_ros.pipelines.scan_queue import Reading, ScanQueue
 from heightmap25d_ros.pipelines.self_check import Finding, findings_of_drive
 from heightmap25d_ros.pipelines.silence import LOCALIZATION, Silence
+from heightmap25d_ros.terrain.explanation import Explanation, Waiting, explain, surroundings
 from heightmap25d_ros.terrain.obstacle_grid import ObstacleGrid
 from heightmap25d_ros.terrain.traversability import ObstacleMap
 
@@ -296,6 +304,37 @@ class Mapping:
         memory.require(area.rows * area.columns * _BYTES_OF_MAPS, "the map")
         self._obstacles.update(self.grid, threshold)
         return self.grid.read(threshold, area), self._obstacles.read(area)
+
+    def explain(self, message: Any) -> Explanation:
+        """Why the cell at a geometry_msgs/PointStamped is occupied, dear or unknown.
+
+        Raises
+        ------
+        InputError
+            If the point is not in the frame of the map or of the odometry, or is no place.
+        """
+        point, grid = self._point_in_map(message), self.grid
+        window = surroundings(grid.geometry, point[:2], self._params.traversability)
+        height_map = grid.read(self._params.mapper.probability_threshold, window)
+        iy, ix = (int(index) for index in grid.geometry.cell_at(point[:2]))
+        cell = Area(iy, ix, 1, 1)
+        believed = float(grid.candidate_probability.read(cell)[0, 0]) / PROBABILITY_SCALE
+        waits = float(grid.candidate_height.read(cell)[0, 0]) * HEIGHT_RESOLUTION
+        waiting = Waiting(height=waits + grid.geometry.ground_zero, probability=believed)
+        params = self._params.traversability
+        return explain(height_map, point[:2], params, waiting if believed else None)
+
+    def _point_in_map(self, message: Any) -> Array:
+        """(3,) [m], map, of a geometry_msgs/PointStamped."""
+        frame = decode.frame_name(message.header.frame_id, "header.frame_id")
+        point = decode.point(message.point)
+        map_frame, odometry = self._params.mapping.map_frame, self._queue.odometry
+        if frame == map_frame:
+            return point
+        if odometry is not None and frame == odometry.frame_id:
+            return np.asarray(self.T_map_odom[:3, :3] @ point + self.T_map_odom[:3, 3])
+        known = [map_frame] if odometry is None else [map_frame, odometry.frame_id]
+        raise InputError(f"header.frame_id: is {frame!r}, not {' or '.join(map(repr, known))}")
 
     def layers(self, geometry: Geometry) -> LayerMap | None:
         """The localization layers of cells of the grid; None without them."""
