@@ -137,9 +137,13 @@ class ManagedNode(GuardedCallbacks, LifecycleNode):
         """Publish on one of the `outputs`."""
         self.publishers_by_topic[topic].publish(message)
 
+    def count_listeners(self, topic: str) -> int:
+        """How many subscribe to one of the `outputs`."""
+        return int(self.publishers_by_topic[topic].get_subscription_count())
+
     def has_subscribers(self, topic: str) -> bool:
         """Whether anybody subscribes to one of the `outputs`."""
-        return bool(self.publishers_by_topic[topic].get_subscription_count())
+        return self.count_listeners(topic) > 0
 
     def create_wall_timer(self, period: float, callback: Callable[[], Any]) -> Timer:
         """A timer [s] of the machine's clock, however fast a bag is replayed."""

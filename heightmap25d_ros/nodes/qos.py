@@ -29,6 +29,9 @@ CLOUDS = QoSProfile(depth=10)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Of maps and plans: reliable, and a late subscriber gets the newest one."""
 
+UPDATES = QoSProfile(depth=100)
+"""Of changes of maps, each of which counts: reliable, and only for who listens."""
+
 STATIC_TRANSFORMS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Of /tf_static."""
 

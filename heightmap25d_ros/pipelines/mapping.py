@@ -34,7 +34,7 @@ from heightmap25d_ros.pipelines.scan_queue import Reading, ScanQueue
 from heightmap25d_ros.pipelines.self_check import Finding, findings_of_drive
 from heightmap25d_ros.pipelines.silence import LOCALIZATION, Silence
 from heightmap25d_ros.terrain.explanation import Explanation, Waiting, explain, surroundings
-from heightmap25d_ros.terrain.obstacle_grid import ObstacleGrid
+from heightmap25d_ros.terrain.obstacle_grid import ObstacleGrid, covering
 from heightmap25d_ros.terrain.traversability import ObstacleMap
 
 GIVEN_UP = 60
@@ -71,6 +71,9 @@ def compile_kernels(params: Params) -> None:
 
 _BYTES_OF_CELL = 4  # height and probability
 _BYTES_OF_MAPS = 16  # of a cell, with its occupancy and cost, and what is between
+
+
+_NO_TILES = np.empty((0, 2), np.int64)
 
 
 class Size(NamedTuple):
@@ -176,6 +179,7 @@ class Mapping:
     def _use_params(self) -> None:
         self._mapper = Mapper(self.grid, self._params.sensor, self._params.mapper)
         self._obstacles = ObstacleGrid(self.grid.geometry, self._params.traversability)
+        self._changed = covering(_NO_TILES)
         self.grid.mark_changed()
 
     @property
@@ -285,7 +289,12 @@ class Mapping:
         InputError
             If what is connected has more cells, or the memory for it is not available.
         """
-        threshold = self._params.mapper.probability_threshold
+        area = self.area(max_cells)
+        obstacles = self.obstacles(area)
+        return self.grid.read(self._params.mapper.probability_threshold, area), obstacles
+
+    def area(self, max_cells: float | None = None) -> Area:
+        """The cells of the grid that `maps` shows; parameters and errors are its."""
         limit = self._params.mapping.max_cells if max_cells is None else max_cells
         area = self.grid.main_area(limit)
         is_cut = area != self.grid.observed_area()
@@ -302,8 +311,22 @@ class Mapping:
                 "is neither published nor saved; ~/clear_map forgets it"
             )
         memory.require(area.rows * area.columns * _BYTES_OF_MAPS, "the map")
-        self._obstacles.update(self.grid, threshold)
-        return self.grid.read(threshold, area), self._obstacles.read(area)
+        return area
+
+    def obstacles(self, area: Area) -> ObstacleMap:
+        """The converted map of an area of the grid."""
+        self._convert()
+        return self._obstacles.read(area)
+
+    def take_changed(self) -> Area:
+        """The smallest area with all cells that were converted since the last call."""
+        self._convert()
+        changed, self._changed = self._changed, covering(_NO_TILES)
+        return changed
+
+    def _convert(self) -> None:
+        tiles = self._obstacles.update(self.grid, self._params.mapper.probability_threshold)
+        self._changed = self._changed.hull(covering(tiles))
 
     def explain(self, message: Any) -> Explanation:
         """Why the cell at a geometry_msgs/PointStamped is occupied, dear or unknown.
