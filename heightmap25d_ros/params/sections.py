@@ -180,6 +180,12 @@ class TraversabilityParams(Section):
         0.05, "rms distance of the ground from its plane at which the cost is highest", "m",
         low=0.001, high=10.0,
     )  # fmt: skip
+    drop_offs: str = parameter(
+        "must",
+        "unknown cells behind an edge that are closed as suspected drop-offs: those whose ground "
+        "must be too low, those whose ground may be by a slope, or none",
+        choices=("must", "may", "none"),
+    )
     robot_radius: float = parameter(
         0.50, "radius of the disc that covers the robot", "m", low=0.0, high=5.0
     )

@@ -26,6 +26,7 @@ from heightmap25d_ros.io import decode, layers_file, map_directory
 from heightmap25d_ros.io.decode import Odometry
 from heightmap25d_ros.localization.layers import LayerMap, LocalizationLayers
 from heightmap25d_ros.mapping import cloud, sensor_model
+from heightmap25d_ros.mapping.drop_offs import DropOffs
 from heightmap25d_ros.mapping.mapper import Mapper
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.drops import Drops
@@ -63,6 +64,11 @@ def compile_kernels(params: Params) -> None:
     LocalizationLayers(scratch).integrate(
         sensor_model.Beams(
             origins=beam, ends=beam, is_hit=np.ones(1, bool), is_lone=np.zeros(1, bool)
+        )
+    )
+    DropOffs(scratch, params.traversability, params.mapper.probability_threshold).integrate(
+        sensor_model.Beams(
+            origins=beam, ends=beam + 1.0, is_hit=np.ones(1, bool), is_lone=np.zeros(1, bool)
         )
     )
     obstacles = ObstacleGrid(scratch.geometry, params.traversability)
@@ -178,7 +184,11 @@ class Mapping:
 
     def _use_params(self) -> None:
         self._mapper = Mapper(self.grid, self._params.sensor, self._params.mapper)
-        self._obstacles = ObstacleGrid(self.grid.geometry, self._params.traversability)
+        terrain, threshold = self._params.traversability, self._params.mapper.probability_threshold
+        self._obstacles = ObstacleGrid(self.grid.geometry, terrain)
+        self._drop_offs: DropOffs | None = None
+        if terrain.drop_offs != "none":
+            self._drop_offs = DropOffs(self.grid, terrain, threshold)
         self._changed = covering(_NO_TILES)
         self.grid.mark_changed()
 
@@ -425,6 +435,8 @@ class Mapping:
             result = self._mapper.integrate(beams)
             if self._layers is not None:
                 self._layers.integrate(beams)
+            if self._drop_offs is not None:
+                self._drop_offs.integrate(beams)
             self.watch.observe_ranges(reading.scan, self._params.sensor.no_return, self.dropped)
             self.merged["scans"] += 1
             self.merged["returns"] += result.hits

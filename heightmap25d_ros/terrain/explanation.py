@@ -45,6 +45,7 @@ class Rule(Enum):
     OUTSIDE = "outside of the map"
     UNOBSERVED = "never observed"
     DOUBTED = "doubted"
+    DROP_OFF = "suspected drop-off"
     STEP = "step"
     SLOPE = "slope"
     ROUGHNESS = "roughness"
@@ -182,6 +183,9 @@ class _View:
             probability=float(self._map.probability[cell]) / PROBABILITY_SCALE,
             sentence="",
         )
+        if here.occupancy < 0 and here.cost == OCCUPIED:
+            told = "closed, a drop-off is suspected: beams over an edge pass too low for any ground"
+            return replace(here, rule=Rule.DROP_OFF, sentence=told)
         if here.occupancy < 0:
             return self._unknown(here)
         if here.occupancy == OCCUPIED:
@@ -222,7 +226,7 @@ class _View:
         )  # fmt: skip
 
     def _inflated(self, here: Explanation, cell: tuple[int, int]) -> Explanation:
-        occupied = np.argwhere(self._obstacles.occupancy == OCCUPIED)
+        occupied = np.argwhere(self._obstacles.cost == OCCUPIED)
         apart = np.hypot(*(occupied - cell).T) * self._map.geometry.resolution
         nearest = tuple(int(index) for index in occupied[np.argmin(apart)])
         cause = self.explain((nearest[0], nearest[1]))
