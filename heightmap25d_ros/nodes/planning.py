@@ -9,7 +9,13 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import Pose, PoseArray, PoseStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import (
+    PolygonStamped,
+    Pose,
+    PoseArray,
+    PoseStamped,
+    PoseWithCovarianceStamped,
+)
 from nav_msgs.msg import Path
 from nav_msgs.srv import GetPlan
 from tf2_msgs.msg import TFMessage
@@ -53,6 +59,7 @@ class PlanningNode(ManagedNode):
                 PoseWithCovarianceStamped, "pose_correction", self._planning.take_correction,
                 qos.QUEUE,
             ),
+            Input(PolygonStamped, "boundary", self._on_boundary, qos.LATCHED),
         ]  # fmt: skip
 
     def outputs(self) -> list[Output]:
@@ -118,6 +125,9 @@ class PlanningNode(ManagedNode):
 
     def _on_goal(self, message: PoseStamped) -> None:
         self._publish(self._planning.take_goal(message))
+
+    def _on_boundary(self, message: PolygonStamped) -> None:
+        self._publish(self._planning.take_boundary(message))
 
     def _on_map(self, message: HeightGrid) -> None:
         self._publish(self._planning.take_map(message))

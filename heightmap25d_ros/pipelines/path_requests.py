@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.exploration.boundary import Boundary, confined
 from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.params.sections import PlannerParams, TraversabilityParams
 from heightmap25d_ros.planning.graph import transition_graph
@@ -26,6 +27,8 @@ class MapPlanner:
     height_map : HeightMap
     terrain : TraversabilityParams
     params : PlannerParams
+    boundary : Boundary, optional
+        That the robot's middle does not leave.
 
     Attributes
     ----------
@@ -33,11 +36,16 @@ class MapPlanner:
     """
 
     def __init__(
-        self, height_map: HeightMap, terrain: TraversabilityParams, params: PlannerParams
+        self,
+        height_map: HeightMap,
+        terrain: TraversabilityParams,
+        params: PlannerParams,
+        boundary: Boundary | None = None,
     ) -> None:
         self.height_map = height_map
         self._terrain = terrain
         self._params = params
+        self._boundary = boundary
         self._planner: Planner | None = None
         self._lock = threading.Lock()
 
@@ -52,6 +60,8 @@ class MapPlanner:
         with self._lock:
             if self._planner is None:
                 graph = transition_graph(self.height_map, self._terrain, self._params)
+                if self._boundary is not None:
+                    graph = confined(graph, self._boundary)
                 self._planner = Planner(graph, self._terrain, self._params)
             own = self._planner
         return own if params is None else Planner(own.graph, self._terrain, params)

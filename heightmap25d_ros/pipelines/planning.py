@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.exploration.boundary import Boundary
 from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.io import decode
 from heightmap25d_ros.io.decode import Odometry
@@ -59,6 +60,7 @@ class Planning:
         self._over_map: MapPlanner | None = None
         self._waiting_goal: Odometry | None = None
         self._mission: Mission | None = None
+        self._boundary = Boundary.of([])
 
     def take_map(self, message: Any) -> Plan | None:
         """Take a heightmap25d_msgs/HeightGrid; a plan where the map asks for another one."""
@@ -98,6 +100,14 @@ class Planning:
         """Take a geometry_msgs/PoseWithCovarianceStamped: the pose of odom in the map."""
         self._frames.take_correction(message)
 
+    def take_boundary(self, message: Any) -> Plan | None:
+        """Take a geometry_msgs/PolygonStamped, see `set_boundary`; empty: none."""
+        frame = self._params.mapping.map_frame
+        boundary = self.dropped.decoded(
+            "boundary", lambda m: Boundary.of(decode.polygon(m, frame)), message
+        )
+        return None if boundary is None else self.set_boundary(boundary)
+
     def take_transforms(self, message: Any, *, is_static: bool) -> Plan | None:
         """Take a tf2_msgs/TFMessage of /tf or /tf_static; a plan where a goal waited for it."""
         self._frames.take_transforms(message, is_static=is_static)
@@ -112,10 +122,21 @@ class Planning:
         """
         self._waiting_goal = self._mission = None
         try:
-            self._waiting_goal = _decoded(message, "goal_pose")
+            return self.set_goal(_decoded(message, "goal_pose"))
         except _RefusedError as refused:
             return refused.plan
+
+    def set_goal(self, goal: Odometry) -> Plan:
+        """As `take_goal`, with the goal as the pose of a child frame of any name."""
+        self._mission, self._waiting_goal = None, goal
         return self._began() or self._lacking()
+
+    def set_boundary(self, boundary: Boundary) -> Plan | None:
+        """Keep the robot's middle within a polygon; a plan where that asks for another one."""
+        self._boundary = boundary
+        if self._over_map is not None:
+            self._use_map(self._over_map.height_map)
+        return self._checked()
 
     def set_params(self, params: Params) -> Plan | None:
         """Apply new parameters; a plan where they ask for another one."""
@@ -126,7 +147,9 @@ class Planning:
 
     def _use_map(self, height_map: HeightMap) -> None:
         params = self._params
-        self._over_map = MapPlanner(height_map, params.traversability, params.planner)
+        self._over_map = MapPlanner(
+            height_map, params.traversability, params.planner, self._boundary
+        )
 
     def plan_between(self, start: Pose2D, goal: Pose2D, tolerance: float = 0.0) -> Plan:
         """Plan from any pose to any pose, whatever goal is set.
