@@ -2,13 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """How early drop-offs are closed, and how much ground is closed that is none.
 
-Usage: python studies/measure_drop_offs.py [--bags DIR] [--seeds N ...] [--mode must|may] [--lidar]
+Usage: python studies/measure_drop_offs.py [--seeds N ...] [--mode must|may] [--lidar]
 
-A true rim is a cell of the ground on which the robot drives (connected by steps of at most
-max_step) with a neighbour that lies lower by more than that. When the robot first comes within a
-metre of it, it is closed where a cell within two cells of it is suspected, or where the step has
-been seen. Rims that no return has met by then are out of sight, and so are those that the robot
-never comes near to. A suspected cell is wrong where no such rim is within the reach of a mark.
+A true rim is a cell of the ground on which the robot drives (connected with its start by steps of
+at most max_step) with a neighbour that lies lower by more than that. The robot drives straight at
+some of them, within 20 degrees, each time with an empty map, from 2.6 m before the rim to 1 m
+before it; with the usual noise and true poses. There, a rim is in sight where a return has come
+from it. It is closed where a cell within two cells of it is suspected, or where the map shows the
+step. A suspected cell is wrong where no true rim above it is within the reach of a mark.
+
+Goals: those that are found on the map of a whole drive, without and with suspected drop-offs.
 Markdown to the terminal.
 """
 
@@ -23,113 +26,120 @@ from scipy import ndimage
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from heightmap25d_ros import se3
+from heightmap25d_ros.grid.height_grid import HeightGrid
 from heightmap25d_ros.grid.height_map import Area
-from heightmap25d_ros.io.bag import Bag
-from heightmap25d_ros.params.by_name import with_values
-from heightmap25d_ros.params.sections import Params
-from heightmap25d_ros.pipelines.mapping import Mapping
-from heightmap25d_ros.pipelines.replay import feed, with_sources
+from heightmap25d_ros.io import decode, point_cloud
+from heightmap25d_ros.mapping import sensor_model
+from heightmap25d_ros.mapping.cloud import cloud_beams
+from heightmap25d_ros.mapping.drop_offs import DropOffs
+from heightmap25d_ros.mapping.mapper import Mapper
+from heightmap25d_ros.params.sections import Params, TraversabilityParams
+from heightmap25d_ros.simulation import messages
+from heightmap25d_ros.simulation.cloud_sensors import Lidar
+from heightmap25d_ros.simulation.lasers import DOWN, LEVEL, Laser, RangeNoise, take_scan
+from heightmap25d_ros.simulation.recording import world_of
+from heightmap25d_ros.simulation.scene import Scene
 from heightmap25d_ros.terrain.traversability import OCCUPIED, to_obstacle_map
 
 WORLDS = ("ramp", "street", "rough", "garage")
-NEAR = 1.0  # [m] from a rim
+RESOLUTION = 0.125  # [m]
+FROM, NEAR = 2.6, 1.0  # [m] from a rim, of an approach
+HALF_WIDTH = 0.4  # [m] of the strip that the robot drives on
+SPEED = 0.9  # [m/s]
+APPROACHES = 12  # in each world
 AROUND = 2  # [cells] of a rim in which a mark closes it
 REACH = 2.0  # [m] of a mark beyond its rim
-EVERY = 8  # scans from one look at the map to the next
+DEEP = 0.2  # [m]
+HEADROOM = 1.0  # [m] above the robot's start below which the ground is looked for
 SIDES = [(0, 1), (1, 0), (1, 1), (1, -1)]
+WHEELS = np.array([(x, y) for x in (-0.25, 0.25) for y in (-0.28, 0.28)])
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--bags", type=Path, metavar="DIR", help="where recordings are, or go to")
     parser.add_argument("--seeds", type=int, nargs="+", default=[1])
     parser.add_argument("--mode", choices=("must", "may"), default="must")
     parser.add_argument("--lidar", action="store_true", help="32 rings in place of the lasers")
+    parser.add_argument("--goals", action="store_true", help="goals of a whole drive, too")
     options = parser.parse_args()
-    print("| world | rims in sight | suspected | step seen | closed by either | marked cells | "
-          "wrong, of traversable cells | goals found without -> with |")  # fmt: skip
-    print("|---" * 8 + "|")
+    columns = [
+        "world", "rims in sight, deep ones", "suspected", "step seen", "closed by either",
+        "deep ones closed", "marked cells", "wrong, of traversable cells", "goals without -> with",
+    ]  # fmt: skip
+    print(f"| {' | '.join(columns)} |")
+    print("|---" * len(columns) + "|")
+    for world in WORLDS:
+        for seed in options.seeds:
+            row = approaches(world, seed, options.mode, options.lidar)
+            goals = goals_found(world, seed, options.mode) if options.goals else ""
+            print(f"| `{world}`, seed {seed} | {row} | {goals} |", flush=True)
+
+
+def goals_found(world: str, seed: int, mode: str) -> str:
+    """Goals that are found on the map of a whole drive, without and with drop-offs."""
     with tempfile.TemporaryDirectory() as scratch:
-        bags = options.bags or Path(scratch)
-        for world in WORLDS:
-            for seed in options.seeds:
-                suffix = "_lidar" if options.lidar else ""
-                bag = bags / f"{world}{suffix}_{seed}"
-                if not bag.exists():
-                    sensors = ("--lidar", 32) if options.lidar else ()
-                    run("simulate", world, "--seed", seed, "--true-odometry", *sensors, "-o", bag)
-                row = drive(bag, options.mode)
-                goals = [found(bag, Path(scratch), mode) for mode in ("none", options.mode)]
-                print(f"| `{world}`, seed {seed} | {row} | {goals[0]} -> {goals[1]} |", flush=True)
+        bag, file = Path(scratch, "bag"), Path(scratch, "drop_offs.yaml")
+        run("simulate", world, "--seed", seed, "--true-odometry", "-o", bag)
+        found = []
+        for each in ("none", mode):
+            terrain = f"{{drop_offs: {each}}}"
+            file.write_text(f"/**: {{ros__parameters: {{traversability: {terrain}}}}}\n")
+            figures = measure(bag, Path(scratch, "map"), "--params", file)["goals found"]
+            found.append(f"{figures[0]} of {figures[1]}")
+    return " -> ".join(found)
 
 
-def found(bag: Path, scratch: Path, mode: str) -> str:
-    """Goals that are found on the map of the whole drive."""
-    file = scratch / "drop_offs.yaml"
-    terrain = f"{{drop_offs: {mode}}}"
-    file.write_text(f"/**: {{ros__parameters: {{traversability: {terrain}}}}}\n")
-    truth = "--odom-topic", "/ground_truth"
-    figures = measure(bag, scratch / "map", "--params", file, *truth)["goals found"]
-    return f"{figures[0]} of {figures[1]}"
-
-
-def drive(path: Path, mode: str) -> str:
+def approaches(name: str, seed: int, mode: str, has_lidar: bool) -> str:
     """A row of the table."""
-    with np.load(path / "truth" / "surface.npz") as truth:
-        top = truth["top"].astype(np.float64)
-        origin, resolution = truth["origin"], float(truth["resolution"])
-    with Bag(path) as bag:
-        settings = with_sources(Params(), [bag])
-        settings = with_values(settings, {"traversability.drop_offs": mode})
-        mapping = Mapping(settings)
-        max_step = settings.traversability.max_step
-        topics = [*settings.intake.source_topics, "/ground_truth", "/tf_static"]
-        rims: NDArray | None = None
-        count = 0
-        ever = np.zeros(top.shape, bool)
-        outcome = np.zeros(top.shape, int)  # bits: in sight, suspected, step seen
-        is_done = np.zeros(top.shape, bool)
-        x, y = (origin[i] + resolution * (np.arange(top.shape[1 - i]) + 0.5) for i in (0, 1))
-        for event in bag.events(topics):
-            for reading in feed(mapping, event.topic, event.message, "/ground_truth"):
-                position = reading.T_map_base[0, :2, 3]
-                if rims is None:
-                    ground = connected(top, max_step, cell_of(position, origin, resolution))
-                    rims = ground & (lowest_beside(top) < top - max_step - 1e-6)
-                count += 1
-                near = (x - position[0]) ** 2 + (y[:, None] - position[1]) ** 2 <= NEAR**2
-                fresh = near & rims & ~is_done
-                if not fresh.any() and count % EVERY:
-                    continue
-                iy, ix = mapping.grid.geometry.cell_at(origin + 0.5 * resolution)
-                area = Area(int(iy), int(ix), *top.shape)
-                height_map = mapping.grid.read(settings.mapper.probability_threshold, area)
-                ever |= height_map.suspected
-                if fresh.any():
-                    closed = ndimage.maximum_filter(height_map.suspected, 2 * AROUND + 1)
-                    obstacles = to_obstacle_map(height_map, settings.traversability)
-                    seen = ndimage.maximum_filter(obstacles.occupancy == OCCUPIED, 3)
-                    known = ndimage.maximum_filter(height_map.known, 3)
-                    state = known * 1 + closed * 2 + seen * 4
-                    outcome[fresh] = state[fresh]
-                    is_done |= fresh
-    assert rims is not None
-    in_sight = outcome[is_done & (outcome & 1 > 0)]
-    is_marked, is_seen = in_sight & 2 > 0, in_sight & 4 > 0
-    radius = round(REACH / resolution)
+    world = world_of(name, seed)
+    scene = world.scene()
+    origin, top = surface(scene, world.area)
+    terrain = TraversabilityParams(drop_offs=mode)
+    start = cell_of(np.zeros(2), origin)
+    ground = connected(top, terrain.max_step, start)
+    rims = ground & (ndimage.minimum_filter(top, 3) < top - terrain.max_step - 1e-6)
+    radius = round(REACH / RESOLUTION)
     disc = np.hypot(*np.mgrid[-radius : radius + 1, -radius : radius + 1]) <= radius
     highest = ndimage.grey_dilation(np.where(rims, top, -np.inf), footprint=disc)
-    wrong = ever & ~(highest > top + max_step)
-    share = wrong.sum() / ground.sum()
-    total = max(len(in_sight), 1)
+    rng = np.random.default_rng([seed, 17])
+    outcomes, marked, wrong = [], 0, 0
+    for iy, ix, heading in chosen(top, ground, rims, origin, rng):
+        rim = origin + RESOLUTION * (np.array([ix, iy]) + 0.5)
+        grid = approach(scene, rim, heading, top[iy, ix], terrain, has_lidar, rng)
+        first_y, first_x = (int(i) for i in grid.geometry.cell_at(origin + 0.5 * RESOLUTION))
+        height_map = grid.read(area=Area(first_y, first_x, *top.shape))
+        beside = np.s_[iy - AROUND : iy + AROUND + 1, ix - AROUND : ix + AROUND + 1]
+        obstacles = to_obstacle_map(height_map, terrain)
+        is_in_sight = height_map.known[iy - 1 : iy + 2, ix - 1 : ix + 2].any()
+        is_marked = height_map.suspected[beside].any()
+        is_seen = (obstacles.occupancy[iy - 1 : iy + 2, ix - 1 : ix + 2] == OCCUPIED).any()
+        depth = top[iy, ix] - top[iy - 1 : iy + 2, ix - 1 : ix + 2].min()
+        if is_in_sight:
+            outcomes.append((is_marked, is_seen, is_marked or is_seen, depth > DEEP))
+        marked += int(height_map.suspected.sum())
+        wrong += int((height_map.suspected & ~(highest > top + terrain.max_step)).sum())
+    found = np.array(outcomes, bool).reshape(-1, 4)
+    deep = found[found[:, 3]]
+    shares = [f"{column.sum()} of {len(found)}" for column in found[:, :3].T]
     return (
-        f"{len(in_sight)} | {is_marked.mean() if total else 0:.1%} | {is_seen.mean():.1%} | "
-        f"{(is_marked | is_seen).mean():.1%} | {ever.sum()} | {wrong.sum()}, {share:.2%}"
+        f"{len(found)}, {len(deep)} | {' | '.join(shares)} | {deep[:, 2].sum()} of {len(deep)} | "
+        f"{marked} | {wrong}, {wrong / ground.sum():.2%}"
     )
 
 
-def cell_of(position: NDArray, origin: NDArray, resolution: float) -> tuple[int, int]:
-    x, y = ((position - origin) / resolution).astype(int)
+def surface(scene: Scene, area: tuple) -> tuple[NDArray, NDArray]:
+    """Corner (2,) [m] and heights (rows, columns) [m]: the lowest sample of each cell's ground."""
+    (x0, x1), (y0, y1) = area
+    columns, rows = round((x1 - x0) / RESOLUTION), round((y1 - y0) / RESOLUTION)
+    x = x0 + RESOLUTION * (np.arange(columns) + 0.5)
+    y = y0 + RESOLUTION * (np.arange(rows) + 0.5)
+    points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    return np.array([x0, y0]), scene.heights(points).reshape(rows, columns)
+
+
+def cell_of(position: NDArray, origin: NDArray) -> tuple[int, int]:
+    x, y = np.floor((position - origin) / RESOLUTION).astype(int)
     return int(y), int(x)
 
 
@@ -137,11 +147,12 @@ def connected(top: NDArray, max_step: float, start: tuple[int, int]) -> NDArray[
     """The cells that steps of at most so much [m] connect with the start."""
     index = np.arange(top.size).reshape(top.shape)
     ends: list[NDArray] = []
+    rows, columns = top.shape
     for dy, dx in SIDES:
-        rows, columns = top.shape
         here = (slice(0, rows - dy), slice(max(-dx, 0), columns - max(dx, 0)))
         there = (slice(dy, rows), slice(max(dx, 0), columns + min(dx, 0)))
-        is_open = np.abs(top[here] - top[there]) <= max_step + 1e-6
+        with np.errstate(invalid="ignore"):
+            is_open = np.abs(top[here] - top[there]) <= max_step + 1e-6
         ends.append(np.stack([index[here][is_open], index[there][is_open]]))
     pairs = np.concatenate(ends, axis=1)
     graph = coo_array((np.ones(pairs.shape[1], bool), tuple(pairs)), shape=(top.size,) * 2)
@@ -150,8 +161,71 @@ def connected(top: NDArray, max_step: float, start: tuple[int, int]) -> NDArray[
     return np.asarray(labels == labels[start])
 
 
-def lowest_beside(top: NDArray) -> NDArray:
-    return np.asarray(ndimage.minimum_filter(top, 3))
+def chosen(top, ground, rims, origin, rng):  # -> (iy, ix, heading [rad])
+    """Rims that the robot can drive straight at, on ground as wide as itself."""
+    candidates = rng.permutation(np.argwhere(rims))
+    count = 0
+    steps = np.arange(0.0, FROM + 0.3, RESOLUTION / 2)
+    across = np.arange(-HALF_WIDTH, HALF_WIDTH + 1e-9, RESOLUTION / 2)
+    for iy, ix in candidates:
+        if count == APPROACHES or not (3 < iy < top.shape[0] - 4 and 3 < ix < top.shape[1] - 4):
+            continue
+        around = top[iy - 1 : iy + 2, ix - 1 : ix + 2]
+        dy, dx = np.subtract(np.unravel_index(np.argmin(around), (3, 3)), 1)
+        heading = np.arctan2(dy, dx) + rng.uniform(-0.35, 0.35)
+        ahead = np.array([np.cos(heading), np.sin(heading)])
+        aside = np.array([-ahead[1], ahead[0]])
+        rim = origin + RESOLUTION * (np.array([ix, iy]) + 0.5)
+        strip = rim - (steps[:, None, None] + 0.2) * ahead + across[:, None] * aside
+        x, y = np.floor((strip - origin) / RESOLUTION).astype(int).reshape(-1, 2).T
+        if x.min() < 0 or y.min() < 0 or y.max() >= top.shape[0] or x.max() >= top.shape[1]:
+            continue
+        if (ground & ~rims)[y, x].all():
+            count += 1
+            yield int(iy), int(ix), float(heading)
+
+
+def approach(scene, rim, heading, height, terrain, has_lidar, rng) -> HeightGrid:
+    """The map of a drive at a rim (2,) [m], up to `NEAR`."""
+    params, grid = Params(), HeightGrid()
+    mapper, drop_offs = Mapper(grid), DropOffs(grid, terrain, params.mapper.probability_threshold)
+    sensors = [Lidar(rings=32)] if has_lidar else [LEVEL, DOWN]
+    lone = params.mapper.lone_return
+    below = height + HEADROOM
+    for seconds in np.arange(0.0, (FROM - NEAR) / SPEED, 1.0 / sensors[0].rate):
+        for sensor in sensors:
+            times = sensor.beam_times(seconds)
+            stages = np.linspace(times[0], times[-1] + 1e-9, 5)
+            poses = np.stack([standing(scene, rim, heading, below, s) for s in stages])
+            T = se3.interpolate(ns(stages), poses, ns(times))
+            scan = take_scan(sensor, scene, seconds, T, RangeNoise(), rng)
+            message = messages.scan(sensor, scan)
+            mount = sensor.T_base_sensor(np.zeros(1))[0]
+            if isinstance(sensor, Laser):
+                beams = sensor_model.beams(decode.scan(message), T, mount, params.sensor, lone)
+            else:
+                cloud = point_cloud.cloud(message)
+                knots = cloud.beam_stamps_ns() - cloud.stamp_ns + ns(np.array([seconds]))
+                T = se3.interpolate(ns(stages), poses, np.clip(knots, *ns(stages)[[0, -1]]))
+                beams = cloud_beams(cloud, T, mount, params.sensor, params.cloud, lone)
+            mapper.integrate(beams)
+            drop_offs.integrate(beams)
+    return grid
+
+
+def ns(seconds: NDArray) -> NDArray[np.int64]:
+    return np.rint(seconds * 1e9).astype(np.int64)
+
+
+def standing(scene: Scene, rim, heading: float, below: float, seconds: float) -> NDArray:
+    """Pose (4, 4) on the ground at a time [s] of an approach."""
+    ahead = np.array([np.cos(heading), np.sin(heading)])
+    aside = np.array([-ahead[1], ahead[0]])
+    middle = rim - (FROM - SPEED * seconds) * ahead
+    contacts = scene.heights(middle + WHEELS @ np.stack([ahead, aside]), below=below)
+    along, across = contacts @ WHEELS / (WHEELS**2).sum(axis=0)
+    roll, pitch = np.arctan(across), -np.arctan(along)
+    return np.asarray(se3.from_xyz_rpy([*middle, contacts.mean(), roll, pitch, heading]))
 
 
 if __name__ == "__main__":
