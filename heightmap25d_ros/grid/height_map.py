@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.grid.levels import NO_UPPER, UpperSurfaces
 from heightmap25d_ros.params.sections import GridParams, MapperParams
 
 HEIGHT_RESOLUTION = 0.01
@@ -169,16 +170,18 @@ class Area:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeightMap:
-    """A dense rectangle of the map.
+    """A dense rectangle of the map: the lowest surface in each cell, and those above.
 
     Attributes
     ----------
     geometry : Geometry
     height : (rows, columns) int16 [cm] above ground zero
-        `SUSPECTED` marks unknown cells in which a drop-off is suspected.
+        Of the lowest surface. `SUSPECTED` marks unknown cells in which a drop-off is suspected.
     probability : (rows, columns) uint16, 0 .. `PROBABILITY_SCALE` for 0 .. 1
     probability_threshold : float
         Below it a cell is unknown and its height has no meaning.
+    upper : UpperSurfaces
+        All of them known; none in a map of one level.
 
     Examples
     --------
@@ -200,6 +203,7 @@ class HeightMap:
     height: NDArray[np.int16]
     probability: NDArray[np.uint16]
     probability_threshold: float = PROBABILITY_THRESHOLD
+    upper: UpperSurfaces = NO_UPPER
 
     def __post_init__(self) -> None:
         for name, array in (("height", self.height), ("probability", self.probability)):

@@ -47,6 +47,7 @@ class MappingNode(ManagedNode):
         "grid",
         "sensor",
         "mapper",
+        "levels",
         "traversability",
         "intake",
         "cloud",

@@ -20,7 +20,7 @@ from nav_msgs.msg import Path
 from nav_msgs.srv import GetPlan
 from tf2_msgs.msg import TFMessage
 
-from heightmap25d_msgs.msg import HeightGrid, PlanStatus
+from heightmap25d_msgs.msg import HeightGrid, PlanStatus, UpperSurfaces
 from heightmap25d_ros.io import encode
 from heightmap25d_ros.nodes import qos, runtime
 from heightmap25d_ros.nodes.interface import Action, Input, Output, Service
@@ -42,7 +42,7 @@ class PlanningNode(ManagedNode):
 
     NAME = "planning"
     PARAMETERS = (
-        "traversability", "planner", "planning", "mapping.map_frame", "intake.base_frame",
+        "traversability", "planner", "planning", "levels", "mapping.map_frame", "intake.base_frame",
         "intake.pose_source", "intake.odom_frame", "intake.odom_gap",
         "intake.timeout",
     )  # fmt: skip
@@ -50,6 +50,7 @@ class PlanningNode(ManagedNode):
     def inputs(self) -> list[Input]:
         """The map, the robot and its goals."""
         return [
+            Input(UpperSurfaces, "upper_surfaces", self._on_upper_surfaces, qos.LATCHED),
             Input(HeightGrid, "height_grid", self._on_map, qos.LATCHED, is_needed=True),
             *pose_inputs(
                 self.params.intake, self._on_odometry, self._on_transforms, self.flatness
@@ -131,6 +132,9 @@ class PlanningNode(ManagedNode):
 
     def _on_map(self, message: HeightGrid) -> None:
         self._publish(self._planning.take_map(message))
+
+    def _on_upper_surfaces(self, message: UpperSurfaces) -> None:
+        self._publish(self._planning.take_upper_surfaces(message))
 
     def _on_odometry(self, message: Any) -> None:
         self._publish(self._planning.take_odometry(message))

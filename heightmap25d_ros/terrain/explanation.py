@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Why a cell is occupied, dear or unknown: the rule that made it so, with its numbers.
 
+Of a cell with several surfaces it is the lowest one that is explained.
+
 The rules are those of `traversability`, which is asked about the surroundings of the one cell.
 """
 
@@ -21,6 +23,7 @@ from heightmap25d_ros.grid.height_map import (
     Geometry,
     HeightMap,
 )
+from heightmap25d_ros.grid.levels import NO_UPPER
 from heightmap25d_ros.params.sections import TraversabilityParams
 from heightmap25d_ros.terrain.steps import NEIGHBOURS
 from heightmap25d_ros.terrain.traversability import (
@@ -160,6 +163,7 @@ def _part(height_map: HeightMap, area: Area) -> HeightMap:
         geometry=height_map.geometry.part(area),
         height=height_map.height[inside],
         probability=height_map.probability[inside],
+        upper=NO_UPPER,
     )
 
 
