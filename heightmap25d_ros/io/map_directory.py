@@ -352,7 +352,7 @@ def _checked(path: Path, fields: dict[str, NDArray[Any]], threshold: float) -> L
         "probability holds values outside of 0 .. 1": not (
             (believed >= 0.0) & (believed <= 1.0)
         ).all(),
-        "suspected is not of unobserved cells": suspected.shape != height.shape
+        "suspected is not of unobserved cells": suspected.shape != believed.shape
         or bool(believed[suspected].any()),
     }.items():
         if found:
