@@ -273,6 +273,17 @@ class HeightMap:
             probability=np.where(known, PROBABILITY_SCALE, 0).astype(np.uint16),
         )
 
+    def part(self, area: Area) -> HeightMap:
+        """An area of these cells."""
+        here = area.slices(Area(0, 0, *self.geometry.shape))
+        return replace(
+            self,
+            geometry=self.geometry.part(area),
+            height=self.height[here],
+            probability=self.probability[here],
+            upper=self.upper.part(area.iy, area.ix, *area.shape),
+        )
+
     @property
     def known(self) -> NDArray[np.bool_]:
         """(rows, columns): whether the height of a cell can be used."""

@@ -35,6 +35,7 @@ from heightmap25d_ros.planning.planner import compile_kernels
 from heightmap25d_ros.viz import markers
 
 _FIELD_PERIOD = 1.0  # [s] between two fields at the least
+_SPEED_PERIOD = 0.2  # [s] between two limits of the speed at the least
 
 
 class PlanningNode(ManagedNode):
@@ -69,6 +70,7 @@ class PlanningNode(ManagedNode):
             Output(Path, "plan", qos.LATCHED),
             Output(PlanStatus, "~/status", qos.LATCHED),
             Output(PoseArray, "~/field", qos.LATCHED),
+            *([] if self._server is None else self._server.outputs()),
         ]
 
     def offered_services(self) -> list[Service]:
@@ -99,6 +101,8 @@ class PlanningNode(ManagedNode):
         """Publish the field now and then; look for silence by the node's clock."""
         self.create_timer(self.params.intake.timeout / CHECKS, self._pass_time)
         self.create_wall_timer(_FIELD_PERIOD, self._publish_field)
+        if self._server is not None:
+            self.create_wall_timer(_SPEED_PERIOD, self._limit_speed)
 
     def take_params(self) -> None:
         """Apply new parameters; the goal is kept, and planned to again where they ask for it."""
@@ -179,6 +183,10 @@ class PlanningNode(ManagedNode):
         self._planning.pass_time(now)
         if self._plan is not None and bool(self._planning.staleness) != self._is_stale:
             self._publish_status(self._plan, now)
+
+    def _limit_speed(self) -> None:
+        if self._server is not None and self._plan is not None:
+            self._server.limit_speed(self._plan)
 
     def _publish_field(self) -> None:
         """The newest plan's field, if somebody wants to see it."""

@@ -431,6 +431,25 @@ class PlanningParams(Section):
     planner_ids: tuple[str, ...] = parameter(
         ("GridBased",), "names that Nav2's actions may call this planner by; no name is right, too"
     )
+    speed_limit_ahead: float = parameter(
+        0.0,
+        "speed_limit of Nav2's controllers follows from the ground this far ahead along the path; "
+        "0: none is published", "m",
+        low=0.0, high=50.0,
+    )  # fmt: skip
+    gentle_slope: float = parameter(
+        0.1, "the speed is not limited up to this slope, and to least_speed at max_slope", "rad",
+        low=0.0, high=1.5,
+    )  # fmt: skip
+    gentle_roughness: float = parameter(
+        0.02,
+        "the speed is not limited up to this roughness, and to least_speed at max_roughness", "m",
+        low=0.0, high=10.0,
+    )  # fmt: skip
+    least_speed: float = parameter(
+        0.3, "share of its full speed at which the robot drives over the worst and unknown ground",
+        low=0.05, high=1.0,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

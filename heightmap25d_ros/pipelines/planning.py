@@ -27,6 +27,7 @@ from heightmap25d_ros.pipelines.map_frames import MapFrames
 from heightmap25d_ros.pipelines.mission import Mission, best_direction
 from heightmap25d_ros.pipelines.path_requests import MapPlanner, PathRequest
 from heightmap25d_ros.pipelines.silence import ODOMETRY, Silence
+from heightmap25d_ros.pipelines.speed_limit import ahead_of, speed_share
 from heightmap25d_ros.pipelines.transform_buffer import Missing
 from heightmap25d_ros.planning.level_planner import LevelPlanner
 from heightmap25d_ros.planning.plan import Plan, Pose2D, Status, pose_2d
@@ -236,6 +237,14 @@ class Planning:
         if not is_blocked(ahead):
             return None
         return nearest + bisect_left(range(1, ahead), True, key=is_blocked)
+
+    def speed_share(self, plan: Plan) -> float:
+        """The share of its full speed for a robot on a path, by `speed_limit`; 1 without one."""
+        robot, ahead = self._robot(), self._params.planning.speed_limit_ahead
+        if not (plan.found and ahead) or robot is None or self._over_map is None:
+            return 1.0
+        poses = ahead_of(plan.poses, _nearest(plan.poses, robot), ahead)
+        return speed_share(poses, self._over_map.height_map, self._params)
 
     def _path_in_map(self, path: Any) -> NDArray[np.float64]:
         """(N, 4, 4) the poses of a nav_msgs/Path in the map, by the transform at its stamp."""
