@@ -28,9 +28,10 @@ EXIT_UNUSABLE = 2
 EXIT_INTERRUPTED = 130
 COMMANDS = (
     "map", "localize", "plan", "explain", "convert", "render", "evaluate", "info", "view",
-    "simulate", "explore", "bringup",
+    "import", "export", "simulate", "explore", "bringup",
 )  # fmt: skip
 """The commands in the order of ``--help``; each is a module of `commands` with an ``add_to``."""
+_MODULES = {"import": "import_map"}  # the word is Python's
 REPLAY = "heightmap25d_ros.executables", "replay"
 
 
@@ -95,7 +96,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     commands.add_parser("replay", help="a bag on its topics, and /clock (needs ROS)")
     for name in COMMANDS:
-        import_module(f"heightmap25d_ros.commands.{name}").add_to(commands)
+        import_module(f"heightmap25d_ros.commands.{_MODULES.get(name, name)}").add_to(commands)
     return parser
 
 
