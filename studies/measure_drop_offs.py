@@ -35,6 +35,7 @@ from heightmap25d_ros.mapping.cloud import cloud_beams
 from heightmap25d_ros.mapping.drop_offs import DropOffs
 from heightmap25d_ros.mapping.mapper import Mapper
 from heightmap25d_ros.params.sections import Params, TraversabilityParams
+from heightmap25d_ros.pose_interpolation import interpolate
 from heightmap25d_ros.simulation import messages
 from heightmap25d_ros.simulation.cloud_sensors import Lidar
 from heightmap25d_ros.simulation.lasers import DOWN, LEVEL, Laser, RangeNoise, take_scan
@@ -197,7 +198,7 @@ def approach(scene, rim, heading, height, terrain, has_lidar, rng) -> HeightGrid
             times = sensor.beam_times(seconds)
             stages = np.linspace(times[0], times[-1] + 1e-9, 5)
             poses = np.stack([standing(scene, rim, heading, below, s) for s in stages])
-            T = se3.interpolate(ns(stages), poses, ns(times))
+            T = interpolate(ns(stages), poses, ns(times))
             scan = take_scan(sensor, scene, seconds, T, RangeNoise(), rng)
             message = messages.scan(sensor, scan)
             mount = sensor.T_base_sensor(np.zeros(1))[0]
@@ -206,7 +207,7 @@ def approach(scene, rim, heading, height, terrain, has_lidar, rng) -> HeightGrid
             else:
                 cloud = point_cloud.cloud(message)
                 knots = cloud.beam_stamps_ns() - cloud.stamp_ns + ns(np.array([seconds]))
-                T = se3.interpolate(ns(stages), poses, np.clip(knots, *ns(stages)[[0, -1]]))
+                T = interpolate(ns(stages), poses, np.clip(knots, *ns(stages)[[0, -1]]))
                 beams = cloud_beams(cloud, T, mount, params.sensor, params.cloud, lone)
             mapper.integrate(beams)
             drop_offs.integrate(beams)

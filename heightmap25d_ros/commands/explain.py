@@ -16,7 +16,7 @@ from heightmap25d_ros.terrain.explanation import explain
 
 def add_to(commands: Any) -> None:
     """Add ``explain``."""
-    command = add_command(commands, "explain", _explain, "why a cell is occupied, dear or unknown")
+    command = add_command(commands, "explain", _explain)
     command.add_argument("map", type=Path, metavar="DIR", help="map directory")
     command.add_argument("points", type=_point, nargs="+", metavar="X,Y",
                          help="places in the map [m]")  # fmt: skip

@@ -20,7 +20,7 @@ from heightmap25d_ros.io import map_directory, point_files
 
 def add_to(commands: Any) -> None:
     """Add ``export``."""
-    command = add_command(commands, "export", _export, "a map as points in a PLY or PCD file")
+    command = add_command(commands, "export", _export)
     command.add_argument("map", type=Path, metavar="DIR", help="map directory")
     command.add_argument("-o", "--output", type=Path, required=True, metavar="FILE.ply|FILE.pcd",
                          help="file to write")  # fmt: skip

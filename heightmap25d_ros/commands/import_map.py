@@ -24,7 +24,7 @@ _WALL = 1.0
 
 def add_to(commands: Any) -> None:
     """Add ``import``."""
-    command = add_command(commands, "import", _import, "a map directory from a map of others")
+    command = add_command(commands, "import", _import)
     command.add_argument("map", type=Path, metavar="MAP.YAML",
                          help="of nav2_map_server, slam_toolbox, ...: trinary, scale or raw, also "
                          "with a turned origin")  # fmt: skip
