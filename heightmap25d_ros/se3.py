@@ -70,3 +70,11 @@ def inverse(pose: Matrix) -> Matrix:
 def transform_points(pose: Matrix, points: Matrix) -> Matrix:
     """Points (..., 3) [m] transformed by a pose (..., 4, 4)."""
     return np.asarray(np.einsum("...ij,...j->...i", pose[..., :3, :3], points) + pose[..., :3, 3])
+
+
+def correction_about(pose: Matrix, shift: ArrayLike, yaw: float) -> Matrix:
+    """The motion (4, 4) that shifts a pose (4, 4) by (3,) [m] and turns it by a yaw [rad]."""
+    turn = from_xyz_rpy([0.0, 0.0, 0.0, 0.0, 0.0, yaw])
+    position = pose[:3, 3]
+    turn[:3, 3] = position - turn[:3, :3] @ position + np.asarray(shift)
+    return turn
