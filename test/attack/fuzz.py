@@ -165,7 +165,9 @@ def main() -> None:
         with suppress(InputError):
             read(data)
 
-    atheris.Setup([sys.argv[0], *sys.argv[2:], str(corpus)], one_input)
+    is_repeated = any(Path(argument).is_file() for argument in sys.argv[2:])
+    directories = [] if is_repeated else [str(corpus)]
+    atheris.Setup([sys.argv[0], *sys.argv[2:], *directories], one_input)
     atheris.Fuzz()
 
 
