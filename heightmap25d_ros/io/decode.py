@@ -255,6 +255,16 @@ def path(message: Any) -> NDArray[np.float64]:
     return points
 
 
+def path_poses(message: Any) -> NDArray[np.float64]:
+    """(N, 4, 4) the poses of a nav_msgs/Path in its own frame; refuses what `pose` refuses."""
+    poses = [stamped.pose for stamped in message.poses]
+    coordinates = [
+        _coordinates(pose.position, pose.orientation, f"poses[{index}]")
+        for index, pose in enumerate(poses)
+    ]
+    return _matrices(coordinates) if coordinates else np.empty((0, 4, 4))
+
+
 def planar_covariance(message: Any, limits: ArrayLike) -> NDArray[np.float64]:
     """(3, 3) of x, y [m], yaw [rad] of a geometry_msgs/PoseWithCovarianceStamped.
 

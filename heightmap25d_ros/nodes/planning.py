@@ -17,8 +17,9 @@ from tf2_msgs.msg import TFMessage
 from heightmap25d_msgs.msg import HeightGrid, PlanStatus
 from heightmap25d_ros.io import encode
 from heightmap25d_ros.nodes import qos, runtime
-from heightmap25d_ros.nodes.interface import Input, Output, Service
+from heightmap25d_ros.nodes.interface import Action, Input, Output, Service
 from heightmap25d_ros.nodes.lifecycle import ManagedNode
+from heightmap25d_ros.nodes.planner_server import IS_AVAILABLE, PlannerServer
 from heightmap25d_ros.nodes.pose_source import pose_inputs
 from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.planning import Planning
@@ -64,15 +65,27 @@ class PlanningNode(ManagedNode):
 
     def offered_services(self) -> list[Service]:
         """Plans between any two poses."""
-        return [Service(GetPlan, "~/get_plan", self._get_plan)]
+        of_nav2 = [] if self._server is None else self._server.services()
+        return [Service(GetPlan, "~/get_plan", self._get_plan), *of_nav2]
+
+    def offered_actions(self) -> list[Action]:
+        """Paths, as Nav2 asks for them."""
+        return [] if self._server is None else self._server.actions()
 
     def set_up(self) -> None:
         """Make the planner."""
         self._planning = Planning(self.params)
+        self._server = PlannerServer(self, self._planning, self._show) if IS_AVAILABLE else None
         self._plan: Plan | None = None
         self._is_stale = False
         self._unshown: Plan | None = None  # whose field has not been published
         compile_kernels()
+
+    def finish(self) -> bool:
+        """Give up the goals that are planned to; there is nothing to save."""
+        if self._server is not None:
+            self._server.close()
+        return True
 
     def start(self) -> None:
         """Publish the field now and then; look for silence by the node's clock."""
@@ -118,18 +131,22 @@ class PlanningNode(ManagedNode):
     def _publish(self, plan: Plan | None) -> None:
         if plan is None:
             return
-        self._plan = plan
-        stamp = self.get_clock().now().nanoseconds
-        path = Path()
-        self._fill_path(path, plan, stamp)
-        self.publish("plan", path)
-        self._publish_status(plan, stamp)
-        self._unshown = plan
+        self._show(plan)
         if plan.found:
             milliseconds = 1e3 * plan.seconds
             self.get_logger().info(f"path of {plan.length:.1f} m found in {milliseconds:.0f} ms")
         else:
             self.get_logger().warning(f"no path: {plan.reason}")
+
+    def _show(self, plan: Plan) -> Path:
+        """Publish a plan and its status; the message of its path."""
+        self._plan = self._unshown = plan
+        stamp = self.get_clock().now().nanoseconds
+        path = Path()
+        self._fill_path(path, plan, stamp)
+        self.publish("plan", path)
+        self._publish_status(plan, stamp)
+        return path
 
     def _publish_status(self, plan: Plan, stamp: int) -> None:
         """Of a plan; a stale one has TF_ERROR and its figures."""

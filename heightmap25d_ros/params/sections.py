@@ -240,9 +240,17 @@ class PlannerParams(Section):
 class IntakeParams(Section):
     """Which messages are used, and how long a scan waits for its poses."""
 
-    scan_topics: tuple[str, ...] = parameter(("scan",), "LaserScan topics, one per laser")
+    scan_topics: tuple[str, ...] = parameter(
+        ("scan",), "LaserScan topics, one per laser; none by default where cloud_topics are given",
+    )  # fmt: skip
     mounts: tuple[float, ...] = parameter(
         (), "x, y, z, roll, pitch, yaw of each laser in base_link; empty: from /tf", "m, rad"
+    )
+    cloud_topics: tuple[str, ...] = parameter(
+        (), "PointCloud2 topics, one per 3-D lidar or depth camera", entries=str
+    )
+    cloud_mounts: tuple[float, ...] = parameter(
+        (), "x, y, z, roll, pitch, yaw of each of these in base_link; empty: from /tf", "m, rad"
     )
     base_frame: str = parameter("base_link", "frame of the robot")
     pose_source: str = parameter(
@@ -269,13 +277,40 @@ class IntakeParams(Section):
 
     def __post_init__(self) -> None:
         Section.__post_init__(self)
-        if not all(self.scan_topics) or len(set(self.scan_topics)) < len(self.scan_topics):
-            raise InputError("parameter intake.scan_topics: a topic is empty or named twice")
-        if self.mounts and len(self.mounts) != 6 * len(self.scan_topics):
-            raise InputError(
-                f"parameter intake.mounts: {len(self.mounts)} numbers for "
-                f"{len(self.scan_topics)} lasers; needs six for each, or none"
-            )
+        for name, topics, mounts in (
+            ("scan_topics", self.scan_topics, "mounts"),
+            ("cloud_topics", self.cloud_topics, "cloud_mounts"),
+        ):
+            if not all(topics) or len(set(topics)) < len(topics):
+                raise InputError(f"parameter intake.{name}: a topic is empty or named twice")
+            given = len(getattr(self, mounts))
+            if given and given != 6 * len(topics):
+                raise InputError(
+                    f"parameter intake.{mounts}: {given} numbers for {len(topics)} {name}; needs "
+                    "six for each, or none"
+                )
+        both = set(self.scan_topics) & set(self.cloud_topics)
+        if both:
+            raise InputError(f"parameter intake.cloud_topics: {min(both)} is in scan_topics too")
+
+    @property
+    def source_topics(self) -> tuple[str, ...]:
+        """The topics of all lasers, 3-D lidars and depth cameras."""
+        return self.scan_topics + self.cloud_topics
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CloudParams(Section):
+    """How many of the returns of a point cloud are used."""
+
+    step: int = parameter(
+        1, "every so many points of a ring or row are used, of a cloud without these of all",
+        low=1, high=1000,
+    )  # fmt: skip
+    voxel_size: float = parameter(
+        0.0, "one return of each cube of this side, in the frame of the sensor, is used; 0: all",
+        "m", low=0.0, high=10.0,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -365,6 +400,9 @@ class PlanningParams(Section):
     )  # fmt: skip
     goal_reached: float = parameter(
         0.3, "the goal is reached within this distance, and planning ends", "m", low=0.0, high=10.0
+    )
+    planner_ids: tuple[str, ...] = parameter(
+        ("GridBased",), "names that Nav2's actions may call this planner by; no name is right, too"
     )
 
 
@@ -623,6 +661,7 @@ class Params:
     traversability: TraversabilityParams = field(default_factory=TraversabilityParams)
     planner: PlannerParams = field(default_factory=PlannerParams)
     intake: IntakeParams = field(default_factory=IntakeParams)
+    cloud: CloudParams = field(default_factory=CloudParams)
     odometry: OdometryParams = field(default_factory=OdometryParams)
     mapping: MappingParams = field(default_factory=MappingParams)
     planning: PlanningParams = field(default_factory=PlanningParams)
