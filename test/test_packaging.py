@@ -21,8 +21,8 @@ from heightmap25d_ros.version import VERSION
 
 NAME = "heightmap25d_ros"
 EXECUTABLES = {
-    "driver", "heightmap25d", "localization", "mapping", "markers", "planning", "replay",
-    "simulator",
+    "exploration", "heightmap25d", "localization", "mapping", "markers", "path_follower",
+    "planning", "replay", "simulator",
 }  # fmt: skip
 
 # From the ground up: a room imports the storeys below its own, and the rooms before it in its own.

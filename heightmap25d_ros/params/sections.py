@@ -165,6 +165,21 @@ class MapperParams(Section):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class LevelsParams(Section):
+    """Several surfaces in a cell, one above the other: bridges, gates, decks."""
+
+    max_surfaces: int = parameter(
+        3, "surfaces that a cell may hold one above the other; 1: only the lowest, as in the paper",
+        low=1, high=8,
+    )  # fmt: skip
+    clear_height: float = parameter(
+        0.70, "clear height that the robot needs: a surface at least this far above another one is "
+        "a level of its own, what is nearer stands on it", "m",
+        low=0.11, high=100.0,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class TraversabilityParams(Section):
     """Limits of what the robot can drive over."""
 
@@ -375,6 +390,12 @@ class MappingParams(Section):
         "and small",
         low=256, high=1e9,
     )  # fmt: skip
+    slice: str = parameter(
+        "robot",
+        "level of map and cost_map, where surfaces lie one above the other: that on which the "
+        "robot is, followed along the surface; the highest or the lowest one of each cell",
+        choices=("robot", "top", "lowest"),
+    )
     localization_layers: bool = parameter(
         True, "whether the map keeps mean heights and places of returns, which localization uses"
     )
@@ -410,6 +431,25 @@ class PlanningParams(Section):
     planner_ids: tuple[str, ...] = parameter(
         ("GridBased",), "names that Nav2's actions may call this planner by; no name is right, too"
     )
+    speed_limit_ahead: float = parameter(
+        0.0,
+        "speed_limit of Nav2's controllers follows from the ground this far ahead along the path; "
+        "0: none is published", "m",
+        low=0.0, high=50.0,
+    )  # fmt: skip
+    gentle_slope: float = parameter(
+        0.1, "the speed is not limited up to this slope, and to least_speed at max_slope", "rad",
+        low=0.0, high=1.5,
+    )  # fmt: skip
+    gentle_roughness: float = parameter(
+        0.02,
+        "the speed is not limited up to this roughness, and to least_speed at max_roughness", "m",
+        low=0.0, high=10.0,
+    )  # fmt: skip
+    least_speed: float = parameter(
+        0.3, "share of its full speed at which the robot drives over the worst and unknown ground",
+        low=0.05, high=1.0,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -622,6 +662,143 @@ class ScanFilterParams(Section):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ExplorationParams(Section):
+    """Frontier exploration: where to look next, and when to end."""
+
+    boundary: tuple[float, ...] = parameter(
+        (), "x, y of the corners of the polygon, in the map, that the robot does not leave; empty: "
+        "none", "m", low=-1e8, high=1e8,
+    )  # fmt: skip
+    min_gain: float = parameter(
+        2.0, "area that a place must be expected to show, to be worth the way; without such a "
+        "place the exploration is done", "m^2", low=0.01, high=1000.0,
+    )  # fmt: skip
+    time_limit: float = parameter(
+        0.0, "the exploration ends after this time; 0: no limit", "s", low=0.0, high=1e6
+    )
+    distance_limit: float = parameter(
+        0.0, "the exploration ends after this distance; 0: no limit", "m", low=0.0, high=1e6
+    )
+    return_home: bool = parameter(False, "whether the robot returns to where it started")
+    start_at_once: bool = parameter(
+        False, "whether the exploration starts with the first map and pose, without being asked"
+    )
+    frontiers_only: bool = parameter(
+        False, "whether frontiers are published and no goals: for planners of your own"
+    )
+    sight: float = parameter(
+        5.0, "distance up to which the ground is expected to be seen", "m", low=0.5, high=50.0
+    )
+    blind_radius: float = parameter(
+        1.4, "distance up to which no sensor sees the ground on a turn on the spot", "m",
+        low=0.0, high=10.0,
+    )  # fmt: skip
+    sensor_height: float = parameter(
+        0.6, "height of the sensor that sees the ground, above the ground", "m",
+        low=0.05, high=10.0,
+    )  # fmt: skip
+    frontier_depth: float = parameter(
+        1.5, "unknown cells farther behind a frontier do not count", "m", low=0.1, high=50.0
+    )
+    spacing: float = parameter(
+        0.5, "distance between the places that are compared", "m", low=0.05, high=5.0
+    )
+    distance_weight: float = parameter(
+        0.15, "share of its gain that a place loses per metre of the way to it", "1/m",
+        low=0.0, high=10.0,
+    )  # fmt: skip
+    keep_gain: float = parameter(
+        0.3, "a goal is given up when less than this share of its gain is left", low=0.0, high=1.0
+    )
+    looks: int = parameter(
+        2, "a cell that was looked for so often without being seen is not wanted any more; looks "
+        "from within 3 m count twice", low=1, high=100,
+    )  # fmt: skip
+    stuck_timeout: float = parameter(
+        20.0, "a goal is given up when the robot has not moved towards it for this time", "s",
+        low=1.0, high=3600.0,
+    )  # fmt: skip
+    lost_timeout: float = parameter(
+        120.0, "the exploration ends when the pose has been unknown for this time", "s",
+        low=1.0, high=36000.0,
+    )  # fmt: skip
+    max_deviation: float = parameter(
+        0.5, "standard deviation of the position from which on the robot first returns to a place "
+        "that is well known", "m", low=0.01, high=100.0,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PathFollowerParams(Section):
+    """The controller that follows the plan: regulated pure pursuit."""
+
+    stamped: bool = parameter(False, "whether cmd_vel is a TwistStamped; false: a Twist")
+    max_speed: float = parameter(1.0, "highest speed", "m/s", low=0.01, high=10.0)
+    min_speed: float = parameter(
+        0.1, "lowest speed while the robot drives", "m/s", low=0.001, high=10.0
+    )
+    max_acceleration: float = parameter(
+        0.8, "of speeding up and braking", "m/s^2", low=0.01, high=20.0
+    )
+    max_turn_rate: float = parameter(1.2, "highest turn rate", "rad/s", low=0.01, high=10.0)
+    turn_rate_on_spot: float = parameter(0.7, "turn rate on the spot", "rad/s", low=0.01, high=10.0)
+    max_turn_acceleration: float = parameter(2.5, "of turning", "rad/s^2", low=0.01, high=50.0)
+    min_lookahead: float = parameter(
+        0.4, "least distance to the point that is driven to", "m", low=0.05, high=10.0
+    )
+    max_lookahead: float = parameter(
+        0.8, "largest distance to the point that is driven to", "m", low=0.05, high=10.0
+    )
+    lookahead_time: float = parameter(
+        0.8, "distance to the point that is driven to, per speed", "s", low=0.0, high=10.0
+    )
+    curve_radius: float = parameter(
+        0.7, "in curves with a smaller radius the robot is slower, in proportion", "m",
+        low=0.0, high=10.0,
+    )  # fmt: skip
+    slope_stop: float = parameter(
+        0.9, "slope at which the speed would reach 0, in proportion", "rad", low=0.05, high=10.0
+    )
+    slow_distance: float = parameter(
+        0.3, "the robot is slower where obstacles are nearer to its disc, in proportion", "m",
+        low=0.0, high=10.0,
+    )  # fmt: skip
+    turn_on_spot: float = parameter(
+        0.8, "for a larger angle to the path the robot turns on the spot", "rad",
+        low=0.2, high=3.2,
+    )  # fmt: skip
+    goal_tolerance: float = parameter(
+        0.1, "distance to the end of the path at which it is reached", "m", low=0.01, high=5.0
+    )
+    yaw_tolerance: float = parameter(
+        0.1, "angle to the heading at the end at which it is reached", "rad", low=0.01, high=3.2
+    )
+    max_offset: float = parameter(
+        0.6, "the robot stops when it is farther from the path", "m", low=0.05, high=10.0
+    )
+    check_length: float = parameter(
+        1.0, "so much of the path ahead must be free on the newest map", "m", low=0.0, high=20.0
+    )
+    timeout: float = parameter(
+        0.5, "the robot stops after so long without odometry", "s", low=0.05, high=10.0
+    )
+    map_timeout: float = parameter(
+        5.0, "and after so long without a map, where maps came again and again", "s",
+        low=0.1, high=600.0,
+    )  # fmt: skip
+    localization_timeout: float = parameter(
+        3.0, "and after so long without the status of localization, where there was one", "s",
+        low=0.1, high=600.0,
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        Section.__post_init__(self)
+        for low, high in (("min_speed", "max_speed"), ("min_lookahead", "max_lookahead")):
+            if getattr(self, low) > getattr(self, high):
+                raise InputError(f"parameter path_follower.{low}: is more than {high}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SimulatorParams(Section):
     """The simulator node."""
 
@@ -664,6 +841,7 @@ class Params:
     grid: GridParams = field(default_factory=GridParams)
     sensor: SensorParams = field(default_factory=SensorParams)
     mapper: MapperParams = field(default_factory=MapperParams)
+    levels: LevelsParams = field(default_factory=LevelsParams)
     traversability: TraversabilityParams = field(default_factory=TraversabilityParams)
     planner: PlannerParams = field(default_factory=PlannerParams)
     intake: IntakeParams = field(default_factory=IntakeParams)
@@ -675,4 +853,6 @@ class Params:
     registration: RegistrationParams = field(default_factory=RegistrationParams)
     localization: LocalizationParams = field(default_factory=LocalizationParams)
     scan_filter: ScanFilterParams = field(default_factory=ScanFilterParams)
+    exploration: ExplorationParams = field(default_factory=ExplorationParams)
+    path_follower: PathFollowerParams = field(default_factory=PathFollowerParams)
     simulator: SimulatorParams = field(default_factory=SimulatorParams)
