@@ -25,7 +25,7 @@ from heightmap25d_ros.localization import tracker as _tracker  # noqa: F401
 from heightmap25d_ros.terrain import obstacle_grid as _obstacle_grid  # noqa: F401
 
 with atheris.instrument_imports(include=["heightmap25d_ros", "rosbags"]):
-    from heightmap25d_ros.io import decode, layers_file, map_directory, tf_bytes
+    from heightmap25d_ros.io import decode, layers_file, map_directory, point_cloud, tf_bytes
     from heightmap25d_ros.io.bag import Bag
     from heightmap25d_ros.io.trajectory import read_tum, write_tum
     from heightmap25d_ros.params import files as parameter_files
@@ -53,6 +53,7 @@ READ_AS: list[tuple[str, Callable[..., object]]] = [
     ("heightmap25d_msgs/msg/HeightGrid", lambda m: decode.height_map(m, "map")),
     ("nav_msgs/msg/Path", decode.path),
     ("geometry_msgs/msg/Twist", decode.twist),
+    ("sensor_msgs/msg/PointCloud2", point_cloud.cloud),
 ]  # fmt: skip
 """Types of messages, and what reads them; the first byte of an input chooses."""
 

@@ -28,8 +28,11 @@ from heightmap25d_ros.pipelines.mapping import Mapping
 from heightmap25d_ros.pipelines.planning import Planning
 from heightmap25d_ros.planning.plan import Plan
 
-SCANS = "/scan", "/scan_down"
-PARAMS = with_values(Params(), {"intake.scan_topics": list(SCANS), "grid.extent": 200.0})
+SCANS, CLOUDS = ("/scan", "/scan_down"), "/points"
+PARAMS = with_values(
+    Params(),
+    {"intake.scan_topics": list(SCANS), "intake.cloud_topics": [CLOUDS], "grid.extent": 200.0},
+)
 SECONDS = 3.0
 """Of the drive whose messages are mutated."""
 
@@ -39,6 +42,8 @@ OTHERS = {
     "goal_pose": "geometry_msgs/msg/PoseStamped",
     "localization/status": "heightmap25d_msgs/msg/LocalizationStatus",
     "height_grid": "heightmap25d_msgs/msg/HeightGrid",
+    "upper_surfaces": "heightmap25d_msgs/msg/UpperSurfaces",
+    CLOUDS: "sensor_msgs/msg/PointCloud2",
 }
 """Topics that no recorded drive has, and their types."""
 
@@ -47,7 +52,7 @@ COPIES = 6.0
 
 OTHER_SHARES = {
     "pose_correction": 0.5, "localization/status": 0.5, "goal_pose": 0.1, "initialpose": 0.03,
-    "height_grid": 0.03,
+    "height_grid": 0.03, "upper_surfaces": 0.03, CLOUDS: 0.2,
 }  # fmt: skip
 """How often a mutated message of another topic follows one of the drive; some take long to use."""
 
@@ -83,11 +88,31 @@ def sound(topic: str, stamp_ns: int) -> Any:
     message = default(OTHERS[topic])
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, 10**9)
     message.header.frame_id = "map"
-    if topic == "goal_pose":
+    if topic == CLOUDS:
+        _fill_cloud(message)
+    elif topic == "goal_pose":
         message.pose.orientation.w, message.pose.position.x = 1.0, 5.0
-    elif topic != "localization/status":
+    elif hasattr(message, "pose"):
         message.pose.pose.orientation.w = 1.0
     return message
+
+
+def _fill_cloud(message: Any) -> None:
+    """A few points around the robot, in the frame of a laser, with rings and times."""
+    layout = [("x", "f4"), ("y", "f4"), ("z", "f4"), ("ring", "u2"), ("t", "u4")]
+    points = np.zeros(64, layout)
+    points["x"], points["y"] = np.indices((8, 8)).reshape(2, -1)
+    points["ring"] = np.arange(64) % 8
+    message.header.frame_id = "laser"
+    message.height, message.width = 1, len(points)
+    message.point_step, message.row_step = points.itemsize, points.nbytes
+    kinds = {"f4": 7, "u2": 4, "u4": 6}
+    field = type(default("sensor_msgs/msg/PointField"))
+    message.fields = [
+        field(name=name, offset=points.dtype.fields[name][1], datatype=kinds[kind], count=1)
+        for name, kind in layout
+    ]
+    message.data = points.view(np.uint8)
 
 
 def attack_messages(seed: int, messages: int) -> Tally:
@@ -171,6 +196,7 @@ class Stack:
         before = self.mapping.merged["scans"]
         for topic, _, message in drive():
             self.feed(topic, _later(message, later))
+        self.mapping.settle()
         merged = self.mapping.merged["scans"] - before
         scans = sum(topic in SCANS for topic, _, _ in drive())
         if merged < 0.5 * scans:
@@ -194,6 +220,8 @@ def _feed_mapping(mapping: Mapping, topic: str, message: Any) -> None:
         mapping.take_odometry(message)
     elif topic in SCANS:
         mapping.take_scan(topic, message)
+    elif topic == CLOUDS:
+        mapping.take_cloud(topic, message)
     elif topic in ("/tf", "/tf_static"):
         mapping.take_transforms(message, is_static=topic == "/tf_static")
 
@@ -207,6 +235,8 @@ def _feed_localizer(localizer: Localizer, topic: str, message: Any) -> list[Atte
         return localizer.take_odometry(message)
     elif topic in SCANS:
         return localizer.take_scan(topic, message)
+    elif topic == CLOUDS:
+        return localizer.take_cloud(topic, message)
     elif topic in ("/tf", "/tf_static"):
         return localizer.take_transforms(message, is_static=topic == "/tf_static")
     return []
@@ -217,6 +247,8 @@ def _feed_planning(planning: Planning, topic: str, message: Any) -> Plan | None:
         return planning.take_goal(message)
     if topic == "height_grid":
         return planning.take_map(message)
+    if topic == "upper_surfaces":
+        return planning.take_upper_surfaces(message)
     if topic == "/odom":
         return planning.take_odometry(message)
     if topic == "pose_correction":
