@@ -47,6 +47,7 @@ def mapped() -> Mapping:
     mapping = Mapping(PARAMS)
     for topic, _, message in drive()[:BAG_MESSAGES]:
         feed(mapping, topic, message)
+    mapping.flush()
     return mapping
 
 

@@ -73,6 +73,7 @@ def sound_map() -> Any:
     mapping = Mapping(PARAMS)
     for topic, _, message in drive():
         _feed_mapping(mapping, topic, message)
+    mapping.flush()
     message = default("heightmap25d_msgs/msg/HeightGrid")
     encode.fill_height_grid(message, mapping.maps()[0], 0, "map")
     for name, kind in (("height", np.int16), ("probability", np.uint8)):
