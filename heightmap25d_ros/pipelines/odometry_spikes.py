@@ -82,6 +82,8 @@ class OdometrySpikes:
     def finish(self) -> list[Odometry]:
         """The poses that wait are where the robot is: it stays there, or no more will come."""
         stayed, self._waiting = self._waiting, []
+        if stayed:  # a step is no velocity
+            self._last = self._velocity = None
         return [used for odometry, state in stayed for used in self._use(odometry, state)]
 
     def _use(self, odometry: Odometry, state: NDArray[np.float64]) -> list[Odometry]:

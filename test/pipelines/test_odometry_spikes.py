@@ -79,7 +79,7 @@ def test_a_spike_is_skipped_and_nothing_else(spike, length):
     assert counts == {SKIPPED: 3 * length}
 
 
-@pytest.mark.parametrize("spike", SPIKES.values(), ids=SPIKES)
+@pytest.mark.parametrize("spike", [*SPIKES.values(), [300, 0, 0, 0, 0, 1]], ids=[*SPIKES, "far"])
 def test_a_step_that_stays_is_used_a_little_later(spike):
     t, xyz_rpy = motion()
     xyz_rpy[100:] += spike
