@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command line: the same core on a recorded bag, deterministic and without a ROS graph.
 
-This module imports hardly anything, so that Ctrl-C ends the process at once while the commands are
-imported, which takes seconds.
+This module imports hardly anything, and a command only where it is named. So ``--help`` comes at
+once, and Ctrl-C ends the process at once while a command is imported, which takes seconds.
 """
 
 from __future__ import annotations
@@ -14,23 +14,19 @@ import os
 import re
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from importlib import import_module
 from types import FrameType
 from typing import Any
 
 import argcomplete
 
+from heightmap25d_ros.commands import SUMMARIES
 from heightmap25d_ros.errors import InputError, NegativeResultError
 from heightmap25d_ros.version import VERSION
 
 EXIT_UNUSABLE = 2
 EXIT_INTERRUPTED = 130
-COMMANDS = (
-    "map", "localize", "plan", "convert", "render", "evaluate", "info", "view", "simulate",
-    "explore", "bringup",
-)  # fmt: skip
-"""The commands in the order of ``--help``; each is a module of `commands` with an ``add_to``."""
 REPLAY = "heightmap25d_ros.executables", "replay"
 
 
@@ -40,7 +36,7 @@ def main(arguments: list[str] | None = None) -> int:
     if arguments[:1] == ["replay"]:  # the node's own command line
         os.execv(sys.executable, [sys.executable, "-m", REPLAY[0], REPLAY[1], *arguments[1:]])
     while_starting = signal.signal(signal.SIGINT, _exit)
-    parser = _parser()
+    parser = _parser(os.environ.get("COMP_LINE", "").split() or arguments)
     signal.signal(signal.SIGINT, while_starting)
     argcomplete.autocomplete(parser)  # ends the process where a shell asks for completions
     options = parser.parse_args(_with_negative_coordinates(arguments))
@@ -81,7 +77,8 @@ def _with_negative_coordinates(arguments: list[str]) -> list[str]:
     return joined
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser(words: Collection[str] = tuple(SUMMARIES)) -> argparse.ArgumentParser:
+    """The parser of a command line; only commands that are named there are imported."""
     parser = argparse.ArgumentParser(
         prog="heightmap25d",
         description="2 1/2-D height maps from recorded laser bags.",
@@ -91,8 +88,11 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"heightmap25d {VERSION}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     commands.add_parser("replay", help="a bag on its topics, and /clock (needs ROS)")
-    for name in COMMANDS:
-        import_module(f"heightmap25d_ros.commands.{name}").add_to(commands)
+    for name, summary in SUMMARIES.items():
+        if name in words:
+            import_module(f"heightmap25d_ros.commands.{name}").add_to(commands)
+        else:
+            commands.add_parser(name, help=summary)
     return parser
 
 

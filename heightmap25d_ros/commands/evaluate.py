@@ -27,7 +27,7 @@ GROUND_TRUTH = "/ground_truth"
 
 def add_to(commands: Any) -> None:
     """Add ``evaluate``."""
-    command = add_command(commands, "evaluate", _evaluate, "a map directory against the truth")
+    command = add_command(commands, "evaluate", _evaluate)
     command.add_argument("map", type=Path, metavar="DIR", help="map directory")
     command.add_argument("--truth", type=Path, required=True, metavar="FILE",
                          help="the world's surface, as bags/ramp/truth/surface.npz; goals.npz "

@@ -16,7 +16,7 @@ from heightmap25d_ros.terrain.traversability import to_obstacle_map
 
 def add_to(commands: Any) -> None:
     """Add ``info``."""
-    command = add_command(commands, "info", _info, "what is in a bag or a map directory")
+    command = add_command(commands, "info", _info)
     command.add_argument("path", type=Path, metavar="BAG|DIR")
 
 

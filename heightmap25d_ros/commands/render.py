@@ -23,7 +23,7 @@ from heightmap25d_ros.viz import map_figures
 
 def add_to(commands: Any) -> None:
     """Add ``render``."""
-    command = add_command(commands, "render", _render, "pictures of a map directory")
+    command = add_command(commands, "render", _render)
     command.add_argument("map", type=Path, metavar="DIR", help="map directory")
     command.add_argument("-o", "--output", type=Path, required=True, metavar="DIR",
                          help="directory for height.png, obstacles.png, blocks.png")  # fmt: skip

@@ -15,9 +15,7 @@ from heightmap25d_ros.params.spec import specs
 
 def add_to(commands: Any) -> None:
     """Add ``simulate``."""
-    command = add_command(
-        commands, "simulate", _simulate, "a bag of a simulated drive, and its truth"
-    )
+    command = add_command(commands, "simulate", _simulate)
     worlds = {name: spec.choices for name, spec, _ in specs(SimulatorParams())}["world"]
     command.add_argument("world", metavar="WORLD",
                          help=f"{', '.join(worlds[:-1])} or {worlds[-1]}")  # fmt: skip

@@ -5,7 +5,8 @@
 `short_term` keeps the surroundings of the last metres, `registration` aligns them with the
 long-term map (a `surface`) by the score of `matching`, `global_search` does so without a prior
 (by `branch_and_bound` over the windows of a `height_pyramid`), `hypotheses` tracks what it cannot
-tell apart, and `pose_filter` combines registrations and odometry. `tracker` runs all of it, and
+tell apart, and `pose_filter` combines registrations and odometry, whose `odometry_errors` are
+learned. `tracker` runs all of it, and
 `tracking_state` is its state; `paper_registration` is the paper's method.
 
 `scan_filter` updates the pose by single scans: returns of the last moment (`scan_window`) are

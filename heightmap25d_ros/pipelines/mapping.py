@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from heightmap25d_ros import memory, se3
+from heightmap25d_ros import memory, pose_interpolation, se3
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_grid import TILE, HeightGrid, anchor_at
 from heightmap25d_ros.grid.height_map import Area, Geometry, HeightMap
@@ -44,6 +44,7 @@ def compile_kernels(params: Params) -> None:
 
     It takes seconds when nothing is cached: too long for a node whose messages queue up.
     """
+    pose_interpolation.compile_kernels()
     if params.intake.cloud_topics:
         cloud.compile_kernels()
     scratch = HeightGrid(replace(params.grid, extent=_SCRATCH_EXTENT), levels=params.levels)

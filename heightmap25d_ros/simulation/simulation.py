@@ -16,6 +16,7 @@ import numpy as np
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
+from heightmap25d_ros.pose_interpolation import interpolate
 from heightmap25d_ros.simulation import lasers, messages
 from heightmap25d_ros.simulation.lasers import (
     EXACT_RANGES,
@@ -180,4 +181,4 @@ class Simulation:
         first = self._count - len(self._poses) + 1
         stamps = np.rint((first + np.arange(len(self._poses))) * self._step * 1e9).astype(np.int64)
         query = np.rint(seconds * 1e9).astype(np.int64)
-        return se3.interpolate(stamps, np.array(self._poses), query)
+        return interpolate(stamps, np.array(self._poses), query)

@@ -20,6 +20,7 @@ from heightmap25d_ros.params.by_name import with_values
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.localization import Localizer
 from heightmap25d_ros.pipelines.replay import feed
+from heightmap25d_ros.pose_interpolation import interpolate
 from heightmap25d_ros.simulation import recording
 
 SCANS = ("/scan", "/scan_down")
@@ -63,7 +64,7 @@ class Drive:
         stamps, truth = truth_of(events)
         asked = np.clip(np.array(self.stamps), stamps[0], stamps[-1])
         return trajectory_error.planar_errors(
-            np.array(self.poses), se3.interpolate(stamps, truth, asked)
+            np.array(self.poses), interpolate(stamps, truth, asked)
         )
 
 

@@ -15,6 +15,7 @@ from heightmap25d_ros.planning.graph import transition_graph
 from heightmap25d_ros.planning.search import cost_to_go
 from heightmap25d_ros.terrain.traversability import to_obstacle_map
 from heightmap25d_ros.viz import block_mesh, marker_cdr, markers
+from heightmap25d_ros.viz.field_arrows import field_arrows
 
 NAN = np.nan
 
@@ -80,7 +81,7 @@ def test_arrows_head_for_the_goal():
     shown = a_map(np.zeros((40, 60)), resolution=0.25)
     graph = transition_graph(shown, TraversabilityParams(), PlannerParams())
     goal = (20, 30)
-    arrows = markers.field_arrows(graph, cost_to_go(graph.incoming, goal))
+    arrows = field_arrows(graph, cost_to_go(graph.incoming, goal))
     assert 100 < len(arrows) < 20 * 30
     assert len(np.unique(arrows[:, :2, 3], axis=0)) == len(arrows)
     away = shown.geometry.cell_center(goal) - arrows[:, :2, 3]
