@@ -262,6 +262,20 @@ def pose(message: Any, field: str) -> se3.Matrix:
     return np.asarray(_matrices([_coordinates(message.position, message.orientation, field)])[0])
 
 
+def point(message: Any) -> NDArray[np.float64]:
+    """(3,) [m] of a geometry_msgs/Point.
+
+    Raises
+    ------
+    InputError
+        If it is not finite, or farther away than `POSITION_LIMIT`.
+    """
+    place = np.array([message.x, message.y, message.z], np.float64)
+    if not (np.abs(place) <= POSITION_LIMIT).all():
+        raise InputError(f"point: {tuple(place.tolist())} is not a place")
+    return place
+
+
 def twist(message: Any) -> tuple[float, float]:
     """Speed [m/s] along x and turn rate [rad/s] about z of a geometry_msgs/Twist.
 
