@@ -27,6 +27,7 @@ from heightmap25d_ros.version import VERSION
 
 EXIT_UNUSABLE = 2
 EXIT_INTERRUPTED = 130
+_MODULES = {"import": "import_map"}  # the word is Python's
 REPLAY = "heightmap25d_ros.executables", "replay"
 
 
@@ -66,14 +67,17 @@ def _exit(signal_number: int, frame: FrameType | None) -> None:
 
 
 def _with_negative_coordinates(arguments: list[str]) -> list[str]:
-    """Arguments in which ``--goal -4,0`` is ``--goal=-4,0``: argparse takes -4,0 for an option."""
+    """Arguments in which ``--goal -4,0`` is ``--goal=-4,0``: argparse takes -4,0 for an option.
+
+    It does not where a space comes first, which numbers may have.
+    """
     joined: list[str] = []
     for argument in arguments:
         is_coordinates = re.fullmatch(r"-[\d.][^ ]*,[^ ]*", argument)
         if is_coordinates and joined and joined[-1].startswith("--") and "=" not in joined[-1]:
             joined[-1] += f"={argument}"
         else:
-            joined.append(argument)
+            joined.append(f" {argument}" if is_coordinates else argument)
     return joined
 
 
@@ -90,7 +94,7 @@ def _parser(words: Collection[str] = tuple(SUMMARIES)) -> argparse.ArgumentParse
     commands.add_parser("replay", help="a bag on its topics, and /clock (needs ROS)")
     for name, summary in SUMMARIES.items():
         if name in words:
-            import_module(f"heightmap25d_ros.commands.{name}").add_to(commands)
+            import_module(f"heightmap25d_ros.commands.{_MODULES.get(name, name)}").add_to(commands)
         else:
             commands.add_parser(name, help=summary)
     return parser

@@ -91,7 +91,7 @@ def _explore(options: argparse.Namespace) -> Figures:
         world,
         options.seed,
         recording.noise_of(noise_free=False, true_odometry=True),
-        recording.mounted_lasers(_SCAN_RATE, has_nodding=False),
+        recording.mounted_sensors(_SCAN_RATE),
         step=_STEP,
     )
     began = time.perf_counter()

@@ -31,7 +31,7 @@ PARAMS = with_values(Params(), {"intake.scan_topics": list(SCANS)})
 def map_of_another_drive(world: str, directory: Path, scan_rate: float = 18.75) -> Path:
     """A map directory of a world of seed 1, made with true poses on drive 1."""
     bag = directory / f"{world}_drive_1"
-    recording.simulate(world, 1, bag, drive=1, scan_rate=scan_rate)
+    recording.simulate(world, 1, bag, drive=1, mounted=recording.mounted_sensors(scan_rate))
     arguments = ["map", str(bag), "-o", str(directory / world), "--odom-topic", "/ground_truth"]
     assert cli.main(arguments) == 0
     return directory / world
