@@ -62,7 +62,7 @@ def graph():
             stack.enter_context(node_process(name, *SOURCES.get(name, ())))
         for topic in ("odom", "markers/blocks", "planning/field", "exploration/status", "cmd_vel"):
             client.wait(lambda: client.node.count_publishers(topic) > 0, 3 * PATIENCE)  # noqa: B023
-        client.wait(lambda: client.node.count_subscribers("initialpose") > 0)
+        client.wait(lambda: client.node.count_subscribers("initialpose") > 0, 3 * PATIENCE)
         client.wait_for_node()
         client.spin(0.5)
         yield client.node
