@@ -354,8 +354,11 @@ def planar_covariance(message: Any, limits: ArrayLike) -> NDArray[np.float64]:
         raise refused
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     unit = np.where(deviation > 0.0, deviation, 1.0)
-    correlation = (covariance / unit / unit[:, None] + covariance.T / unit / unit[:, None]) / 2
-    if np.linalg.eigvalsh(correlation)[0] < -_NO_VARIANCE:
+    with np.errstate(over="ignore", invalid="ignore"):
+        correlation = (covariance / unit / unit[:, None] + covariance.T / unit / unit[:, None]) / 2
+    # Where an entry is beyond 1, or no number, there are no eigenvalues to ask for.
+    is_one = bool((np.abs(correlation) < 1.0 + 1e-6).all())
+    if not is_one or np.linalg.eigvalsh(correlation)[0] < -_NO_VARIANCE:
         raise refused
     limited = np.minimum(deviation, limits)
     return np.asarray(correlation * np.outer(limited, limited))

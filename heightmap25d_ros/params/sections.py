@@ -365,6 +365,12 @@ class OdometryParams(Section):
         "odometry started anew; after a longer time its pose is unknown", "s",
         low=0.0, high=60.0,
     )  # fmt: skip
+    spike_time: float = parameter(
+        0.3,
+        "how long poses that leave the motion wait for it to go on where it was left, and are "
+        "skipped then; 0: they do not wait", "s",
+        low=0.0, high=0.9,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
