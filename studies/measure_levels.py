@@ -34,7 +34,7 @@ from heightmap25d_ros.pipelines.mapping import Mapping
 from heightmap25d_ros.pipelines.replay import replayed
 from heightmap25d_ros.planning.level_planner import planner_over
 from heightmap25d_ros.planning.plan import Plan, Pose2D
-from heightmap25d_ros.simulation.recording import simulate
+from heightmap25d_ros.simulation.recording import mounted_sensors, simulate
 
 WORLDS = ("overpass", "garage")
 ONE_LEVEL = ("ramp", "room", "rough", "street", "moving")
@@ -46,7 +46,7 @@ def recorded(folder: Path, world: str, seed: int) -> Path:
     """A drive through a world, recorded where it is not there yet."""
     bag = folder / f"{world}_{seed}"
     if not bag.exists():
-        simulate(world, seed, bag, scan_rate=SCAN_RATE)
+        simulate(world, seed, bag, mounted=mounted_sensors(SCAN_RATE))
     return bag
 
 
