@@ -178,7 +178,8 @@ def _usual_angle(cloud: Cloud, sequence: NDArray[np.int64], ranges: NDArray[np.f
     one, other = one[is_same], other[is_same]
     if not len(one):
         return np.inf
-    across = np.linalg.norm(np.cross(cloud.points[one], cloud.points[other]), axis=1)
+    points = cloud.points.astype(np.float64)  # holds the products of any of them
+    across = np.linalg.norm(np.cross(points[one], points[other]), axis=1)
     return float(np.median(across / (ranges[one] * ranges[other])))
 
 

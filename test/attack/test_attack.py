@@ -5,12 +5,14 @@
 from __future__ import annotations
 
 import copy
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
 from damaged_files import damaged, damaged_arrays, damaged_yaml
 from file_attack import attack_bags, attack_maps, attack_trajectories, attack_yaml
+from fuzz_targets import TARGETS, seeds_of
 from message_attack import OTHERS, attack_messages, drive, sound
 from mutated_messages import mutated
 from node_attack import attack_saves
@@ -50,6 +52,17 @@ def test_damaged_bags(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_killed_while_saving(tmp_path: Path) -> None:
     require_harmless(attack_saves(SEED, 4, tmp_path), "used")
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_what_is_fuzzed_reads_its_seeds(target: str) -> None:
+    """As `fuzz.py` begins, which needs atheris."""
+    read, _ = TARGETS[target]
+    seeds = seeds_of(target)
+    assert seeds
+    for seed in seeds:
+        with suppress(InputError):  # messages that are all zero are refused
+            read(seed)
 
 
 def test_what_fails_is_told_with_its_number() -> None:

@@ -111,6 +111,18 @@ def test_nothing_comes_of_what_is_not_finite():
     np.testing.assert_allclose(np.linalg.norm(found.ends - found.origins, axis=1), UP.max_range)
 
 
+def test_points_farther_than_any_number_of_meters_do_no_harm():
+    """Whose products float32 does not hold."""
+    points = np.array([[1.0, 0.0, 0.0], [1.0, 0.1, 0.0], [1e30, -1e25, 3e38], [1.0, 0.2, 0.0]])
+    lines = np.zeros(4, np.uint16)
+    result = cloud_beams(
+        cloud(points, lines=lines, has_gaps=True), np.eye(4), np.eye(4), UP, lone_return=0.1
+    )
+    assert np.isfinite(result.ends).all()
+    assert result.is_hit.sum() == 3
+
+
+
 @draws(60)
 @given(st.lists(st.sampled_from([2.0, 2.1, 2.2, 2.5, 4.0, np.nan]), min_size=3, max_size=12))
 def test_lone_returns_are_those_of_the_same_scan(ranges):
