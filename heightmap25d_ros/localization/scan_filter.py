@@ -33,6 +33,12 @@ _TURN_LENGTH = 6.0  # [rad] of turning over which the noise of turns is learned
 _MOST_TURN_NOISE = 0.2  # [rad] that a radian of turning adds to the yaw at most
 _NEAR, _NEAR_YAW = 0.08, 0.03  # [m], [rad] deviation of a pose near which scans search
 _SAME_PLACE, _SAME_YAW = 0.12, 0.05  # [m], [rad] between a registration and what scans found
+_YAW_STARTS = 0.035 * np.array([s * k for k in range(1, 9) for s in (1, -1)])
+"""[rad] Between two of these an update finds its way to a wall some metres away."""
+
+_CLEAR = 0.8  # of what agreed a moment before, for which no other yaw needs to be tried
+_TAIL = 4.0  # degrees of freedom of what odometry may be off, as of Student's distribution
+_LEAST_GROWING = 0.5  # of ``min_returns`` that must be over known cells of a map that grows
 _MOST_RESIDUAL = 0.05  # [m] mean distance from the map, of at most 0.1 m a return
 _LEAST_INFORMATION = 1.0 / 0.3**2  # [1/m^2] that some direction must have
 
@@ -101,6 +107,7 @@ class ScanFilter:
         self._turn_variance = errors.turn_variance
         self._turned = 0.0  # [rad] since the last update
         self._is_settling = False
+        self._agreeing, self._residual = 0.0, _MOST_RESIDUAL  # of what was accepted lately
 
     @property
     def covariance(self) -> Array:
@@ -166,20 +173,33 @@ class ScanFilter:
         T_map_base = self.T_map_odom @ T_odom_base
         self.T_map_odom = correction_about(T_map_base, shift, yaw) @ self.T_map_odom
 
-    def update(self, returns: Array, T_odom_base: se3.Matrix, landmarks: Landmarks) -> Registration:
-        """Take returns (N, 3) [m, odom] in, with the robot at a pose (4, 4) of the odometry."""
+    def update(
+        self,
+        returns: Array,
+        T_odom_base: se3.Matrix,
+        landmarks: Landmarks,
+        *,
+        is_map_growing: bool = False,
+    ) -> Registration:
+        """Take returns (N, 3) [m, odom] in, with the robot at a pose (4, 4) of the odometry.
+
+        What a map in the making does not know yet, also close to what it knows, does not speak
+        against the pose.
+        """
         params = self._params.scan_filter
         if len(returns) < params.min_returns:
             return rejected(Reason.FEW_POINTS, len(returns))
         position = (self.T_map_odom @ T_odom_base)[:3, 3]
         seen = se3.transform_points(self.T_map_odom, returns) - position
         precision = np.asarray(np.linalg.inv(self._covariance[_POSE, _POSE]))
-        found = update_by_returns(
-            np.ascontiguousarray(seen), np.ascontiguousarray(position), precision, landmarks, params
-        )
-        reason = self._judged(found)
+        seen, position = np.ascontiguousarray(seen), np.ascontiguousarray(position)
+        found = update_by_returns(seen, position, precision, landmarks, params)
+        if is_map_growing and not self._is_clear(found, len(returns)):
+            found = self._likeliest(found, seen, position, precision, landmarks)
+        reason = self._judged(found, is_map_growing=is_map_growing)
         if reason in (Reason.ACCEPTED, Reason.UNOBSERVED):
             self._learn_turns(found, precision)
+            self._remember(found, len(returns))
             self._correct(found.error[_POSE], found.information, precision, T_odom_base)
         return Registration(
             reason=reason,
@@ -192,6 +212,43 @@ class ScanFilter:
             ratio=0.0,
             points=len(returns),
         )
+
+    def _likeliest(
+        self, found: Update, seen: Array, position: Array, precision: Array, landmarks: Landmarks
+    ) -> Update:
+        """The likeliest of updates that begin at other yaws as well.
+
+        Odometry errs by more than its deviation where its stamps are not those of the scans.
+        """
+        share = self._params.scan_filter.returns_per_information
+
+        def likelihood(update: Update) -> float:
+            error = update.error[:4]
+            unexpected = np.log1p(error @ precision @ error / _TAIL)
+            return float(update.agreeing / share - 0.5 * _TAIL * unexpected)
+
+        for start in _YAW_STARTS:
+            error = np.zeros(6)
+            error[_YAW] = start
+            other = update_by_returns(
+                seen, position, precision, landmarks, self._params.scan_filter, error
+            )
+            found = max(found, other, key=likelihood)  # the first of two equal ones
+            if self._is_clear(found, len(seen)):
+                break
+        return found
+
+    def _is_clear(self, found: Update, returns: int) -> bool:
+        """Whether about as many returns agree, and as closely, as a moment before."""
+        return (
+            found.agreeing >= _CLEAR * self._agreeing * returns
+            and found.residual <= self._residual / _CLEAR
+        )
+
+    def _remember(self, found: Update, returns: int) -> None:
+        """What an update that was accepted is like, for the next one."""
+        self._agreeing += 0.5 * (found.agreeing / returns - self._agreeing)
+        self._residual += 0.5 * (found.residual - self._residual)
 
     def _learn_turns(self, found: Update, precision: Array) -> None:
         """Learn the noise of turns from what an update tells of the yaw since the one before.
@@ -249,11 +306,15 @@ class ScanFilter:
         x, y, yaw = registration.offset
         return was_settling and np.hypot(x, y) < _SAME_PLACE and abs(yaw) < _SAME_YAW
 
-    def _judged(self, found: Update) -> Reason:
+    def _judged(self, found: Update, *, is_map_growing: bool) -> Reason:
         params = self._params
         # A laser that sees farther than the map reaches is no sign of a wrong place.
-        least = params.registration.min_overlap * found.near_known
-        if found.over_known < max(least, params.scan_filter.min_returns):
+        least = max(
+            params.registration.min_overlap * found.near_known, params.scan_filter.min_returns
+        )
+        if is_map_growing:
+            least = _LEAST_GROWING * params.scan_filter.min_returns
+        if found.over_known < least:
             return Reason.LITTLE_OVERLAP
         if found.residual > _MOST_RESIDUAL:
             return Reason.HIGH_RESIDUAL

@@ -578,6 +578,32 @@ class ScanFilterParams(Section):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SlamParams(Section):
+    """Maps without known poses."""
+
+    submap_length: float = parameter(
+        4.0, "distance travelled along which a submap is rigid", "m", low=0.5, high=100.0
+    )
+    active_distance: float = parameter(
+        40.0, "distance back along the drive and its loops that scans are held against", "m",
+        low=1.0, high=100000.0,
+    )  # fmt: skip
+    reach: float = parameter(
+        16.0, "distance from the robot within which returns are held against the map", "m",
+        low=2.0, high=200.0,
+    )  # fmt: skip
+    refresh_distance: float = parameter(
+        0.4, "distance travelled after which what has been mapped since is used", "m",
+        low=0.05, high=10.0,
+    )  # fmt: skip
+    close_loops: bool = parameter(True, "search older submaps for the robot, and join them")
+    max_drift: float = parameter(
+        15.0, "farthest that the robot is searched from where it is expected", "m",
+        low=0.5, high=1000.0,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SimulatorParams(Section):
     """The simulator node."""
 
@@ -630,4 +656,5 @@ class Params:
     registration: RegistrationParams = field(default_factory=RegistrationParams)
     localization: LocalizationParams = field(default_factory=LocalizationParams)
     scan_filter: ScanFilterParams = field(default_factory=ScanFilterParams)
+    slam: SlamParams = field(default_factory=SlamParams)
     simulator: SimulatorParams = field(default_factory=SimulatorParams)
