@@ -27,7 +27,7 @@ from heightmap25d_ros.version import VERSION
 EXIT_UNUSABLE = 2
 EXIT_INTERRUPTED = 130
 COMMANDS = (
-    "map", "localize", "plan", "convert", "render", "evaluate", "info", "view", "simulate",
+    "map", "localize", "slam", "plan", "convert", "render", "evaluate", "info", "view", "simulate",
     "bringup",
 )  # fmt: skip
 """The commands in the order of ``--help``; each is a module of `commands` with an ``add_to``."""

@@ -28,7 +28,7 @@ EXECUTABLES = {
 # From the ground up: a room imports the storeys below its own, and the rooms before it in its own.
 STOREYS = [
     ["version", "errors", "arrays", "kernels", "se3", "memory", "input_files", "params", "grid"],
-    ["mapping", "terrain", "planning", "localization"],
+    ["mapping", "terrain", "planning", "localization", "slam"],
     ["io", "viz", "evaluation", "pipelines"],
     ["simulation", "commands", "cli", "nodes", "executables"],
 ]

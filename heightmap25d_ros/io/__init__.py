@@ -3,6 +3,6 @@
 """Bytes from outside become values, and values become bytes.
 
 `decode` and `encode` for messages, `tf_bytes` for those of /tf, `bag` for rosbag2, `map_directory`
-(written in one step by `atomic_directory`), `layers_file` and `trajectory` for files. What is not
-sound raises `InputError`, which names the file, topic or field.
+(written in one step by `atomic_directory`), `layers_file`, `slam_file` and
+`trajectory` for files. What is not sound raises `InputError`, which names the file, topic or field.
 """

@@ -9,7 +9,7 @@ heading per distance. How much the wheels slip is learned as well.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from heightmap25d_ros.localization.landmarks import Landmarks
 from heightmap25d_ros.localization.pose_filter import correction_about
 from heightmap25d_ros.localization.registration import Reason, Registration, rejected
 from heightmap25d_ros.localization.scan_update import Update, update_by_returns
-from heightmap25d_ros.params.sections import Params
+from heightmap25d_ros.params.sections import Params, ScanFilterParams
 
 _X, _Y, _YAW, _Z, _SLIP, _SCALE, _TURN, _BIAS = range(8)
 _POSE = np.s_[:4]
@@ -38,6 +38,7 @@ _YAW_STARTS = 0.035 * np.array([s * k for k in range(1, 9) for s in (1, -1)])
 
 _CLEAR = 0.8  # of what agreed a moment before, for which no other yaw needs to be tried
 _TAIL = 4.0  # degrees of freedom of what odometry may be off, as of Student's distribution
+_GROWING = 2.0  # times the returns per information in a map that grows: it errs as the pose does
 _LEAST_GROWING = 0.5  # of ``min_returns`` that must be over known cells of a map that grows
 _MOST_RESIDUAL = 0.05  # [m] mean distance from the map, of at most 0.1 m a return
 _LEAST_INFORMATION = 1.0 / 0.3**2  # [1/m^2] that some direction must have
@@ -187,6 +188,9 @@ class ScanFilter:
         against the pose.
         """
         params = self._params.scan_filter
+        if is_map_growing:
+            share = _GROWING * params.returns_per_information
+            params = replace(params, returns_per_information=share)
         if len(returns) < params.min_returns:
             return rejected(Reason.FEW_POINTS, len(returns))
         position = (self.T_map_odom @ T_odom_base)[:3, 3]
@@ -195,7 +199,7 @@ class ScanFilter:
         seen, position = np.ascontiguousarray(seen), np.ascontiguousarray(position)
         found = update_by_returns(seen, position, precision, landmarks, params)
         if is_map_growing and not self._is_clear(found, len(returns)):
-            found = self._likeliest(found, seen, position, precision, landmarks)
+            found = self._likeliest(found, seen, position, precision, landmarks, params)
         reason = self._judged(found, is_map_growing=is_map_growing)
         if reason in (Reason.ACCEPTED, Reason.UNOBSERVED):
             self._learn_turns(found, precision)
@@ -214,25 +218,30 @@ class ScanFilter:
         )
 
     def _likeliest(
-        self, found: Update, seen: Array, position: Array, precision: Array, landmarks: Landmarks
+        self,
+        found: Update,
+        seen: Array,
+        position: Array,
+        precision: Array,
+        landmarks: Landmarks,
+        params: ScanFilterParams,
     ) -> Update:
         """The likeliest of updates that begin at other yaws as well.
 
         Odometry errs by more than its deviation where its stamps are not those of the scans.
         """
-        share = self._params.scan_filter.returns_per_information
 
         def likelihood(update: Update) -> float:
             error = update.error[:4]
             unexpected = np.log1p(error @ precision @ error / _TAIL)
-            return float(update.agreeing / share - 0.5 * _TAIL * unexpected)
+            return float(
+                update.agreeing / params.returns_per_information - 0.5 * _TAIL * unexpected
+            )
 
         for start in _YAW_STARTS:
             error = np.zeros(6)
             error[_YAW] = start
-            other = update_by_returns(
-                seen, position, precision, landmarks, self._params.scan_filter, error
-            )
+            other = update_by_returns(seen, position, precision, landmarks, params, error)
             found = max(found, other, key=likelihood)  # the first of two equal ones
             if self._is_clear(found, len(seen)):
                 break

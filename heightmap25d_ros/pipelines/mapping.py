@@ -360,9 +360,7 @@ class Mapping:
         self.watch.observe_ranges(reading.scan, self._params.sensor.no_return, self.dropped)
         self.merged["scans"] += 1
         self.merged["returns"] += result.hits
-        self.dropped.record(
-            "return: more than 327 m from ground zero", count=result.out_of_range
-        )
+        self.dropped.record("return: more than 327 m from ground zero", count=result.out_of_range)
         self.dropped.record("return: beyond grid.extent", count=result.outside)
         self.stamp_ns = reading.scan.stamp_ns
 

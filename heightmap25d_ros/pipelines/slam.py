@@ -9,18 +9,19 @@ more, into a map with the poses that came of it, held against a finished map if 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from heightmap25d_ros import se3
-from heightmap25d_ros.arrays import Array
-from heightmap25d_ros.localization.landmarks import Landmarks
+from heightmap25d_ros.io.bag import Bag
+from heightmap25d_ros.localization.landmarks import Landmarks, landmarks_of
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.input_watch import InputWatch
 from heightmap25d_ros.pipelines.mapping import Mapping
+from heightmap25d_ros.pipelines.replay import replayed
 from heightmap25d_ros.pipelines.scan_queue import Reading, ScanQueue
 from heightmap25d_ros.pipelines.self_check import Finding, findings_of_drive
 from heightmap25d_ros.slam.map_pass import MapPass, ScanPose
@@ -125,8 +126,6 @@ class CorrectedMapping(_Drive):
         As they were merged; those that are not sure were not.
     trajectory : list of (int, (4, 4) float64)
         Stamp [ns] and pose of the robot in the map at each scan.
-    covariances : list of (3, 3) float64
-        Of x, y [m] and yaw [rad] in the finished map, if there is one.
     """
 
     def __init__(
@@ -139,7 +138,6 @@ class CorrectedMapping(_Drive):
         super().__init__(params)
         self.poses: list[ScanPose] = []
         self.trajectory: list[tuple[int, se3.Matrix]] = []
-        self.covariances: list[Array] = []
         self._mapping = mapping
         self._given: Iterator[ScanPose] = iter(poses)
         self._pass = None if landmarks is None else MapPass(landmarks, params)
@@ -155,9 +153,88 @@ class CorrectedMapping(_Drive):
         if self._pass is not None:
             beams = reading.beams(self._params.sensor, self._params.mapper.lone_return)
             pose = self._pass.pose(beams, reading.T_map_base[-1], pose)
-            self.covariances.append(self._pass.covariance)
         placed = replace(reading, T_map_base=np.asarray(pose.T_map_odom @ reading.T_map_base))
         if pose.is_sure:
             self._mapping.merge(placed)
         self.poses.append(pose)
         self.trajectory.append((pose.stamp_ns, placed.T_map_base[0]))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SlamResult:
+    """A map without known poses, and what it was made of.
+
+    Attributes
+    ----------
+    mapping : Mapping
+        The map.
+    slam : Slam
+        The drive as it was localized, with all that was noticed.
+    odometry, trajectory : list of (int, (4, 4) float64)
+        Stamp [ns] of each scan, and pose of the robot: by odometry alone, and in the map.
+    disagreed : float [m]
+        Travelled where the map and the poses that it was made of disagree.
+    """
+
+    mapping: Mapping
+    slam: Slam
+    odometry: list[tuple[int, se3.Matrix]]
+    trajectory: list[tuple[int, se3.Matrix]]
+    disagreed: float
+
+
+def slam_bag(
+    bag: Bag, params: Params, odom_topic: str, stretch: tuple[int, int] | None = None
+) -> SlamResult:
+    """Map a bag without known poses: the same bag, the same map.
+
+    The drive is localized on the map made so far; the map is then made anew with the poses that
+    came of it, and once more with those that are found on that map. The bag is read three times,
+    so that the memory does not grow with its length, but for the poses.
+
+    Parameters
+    ----------
+    bag : Bag
+    params : Params
+        With the scan topics of the bag.
+    odom_topic : str
+        Of the robot's poses, see `replay.pose_topic`.
+    stretch : (int, int) [ns], optional
+        See `replay.replayed`.
+
+    Raises
+    ------
+    InputError
+        If the bag is damaged, or nothing could be mapped.
+    """
+    slam = Slam(params)
+    odometry = [
+        (reading.scan.stamp_ns, reading.T_map_base[0])
+        for step in replayed(bag, slam, odom_topic, params.intake, stretch)
+        for reading in step.outcomes
+    ]
+    poses = slam.tracker.poses()
+    mapping = Mapping(params)
+    made = CorrectedMapping(mapping, poses, params)
+    _run(bag, made, odom_topic, params, stretch)
+    height_map, _ = mapping.maps(np.inf)
+    layers = mapping.layers(height_map.geometry)
+    if height_map.known.any() and layers is not None:
+        mapping = Mapping(params)
+        made = CorrectedMapping(mapping, poses, params, landmarks_of(height_map, layers))
+        _run(bag, made, odom_topic, params, stretch)
+    return SlamResult(
+        mapping=mapping, slam=slam, odometry=odometry, trajectory=made.trajectory,
+        disagreed=made.disagreed,
+    )  # fmt: skip
+
+
+def _run(
+    bag: Bag,
+    pipeline: CorrectedMapping,
+    odom_topic: str,
+    params: Params,
+    stretch: tuple[int, int] | None,
+) -> None:
+    for _ in replayed(bag, pipeline, odom_topic, params.intake, stretch):
+        pass

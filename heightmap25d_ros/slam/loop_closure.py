@@ -88,9 +88,7 @@ def search(
     """
     T_map_base, resolution = query.T_map_base, params.grid.resolution
     position = T_map_base[:3, 3]
-    height_map, layers = surroundings(
-        submaps, position, params.slam.reach + radius, resolution
-    )
+    height_map, layers = surroundings(submaps, position, params.slam.reach + radius, resolution)
     surface = surface_of(height_map, params.registration.edge_step)
     prior = Prior(float(position[0]), float(position[1]), radius, turn)
     found = relocalize(query.points, surface, params.registration, prior)

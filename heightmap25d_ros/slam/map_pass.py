@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A drive held against a finished map, from start to end, beside the poses that the map was made of.
+"""A drive held against a finished map, beside the poses that the map was made of.
 
 In the map that a pass makes, what was seen first was inserted before anything was known of the
 rest. Held against all of it, each pose is known as well as the last ones.
@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 
 from heightmap25d_ros import se3
-from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.localization.landmarks import Landmarks
 from heightmap25d_ros.localization.scan_filter import ScanFilter, unknown_errors
 from heightmap25d_ros.localization.scan_window import ScanWindow
@@ -67,12 +66,6 @@ class MapPass:
         self._distance = 0.0
         self._is_sure = True
 
-    @property
-    def covariance(self) -> Array:
-        """(3, 3) float64: of x, y [m] and yaw [rad] of the robot in the map."""
-        assert self._estimate is not None
-        return self._estimate.covariance
-
     def pose(self, beams: Beams, T_odom_base: se3.Matrix, before: ScanPose) -> ScanPose:
         """Where a scan was taken, from its beams in odom and what the pass before has found."""
         travelled = 0.0
@@ -86,9 +79,7 @@ class MapPass:
         self._window.add(beams, before.stamp_ns)
         if self._window.is_due(self._distance, before.stamp_ns):
             returns = self._window.take(self._distance, before.stamp_ns)
-            found = self._estimate.update(
-                returns, T_odom_base, self._landmarks, is_map_growing=True
-            )
+            found = self._estimate.update(returns, T_odom_base, self._landmarks)
             self._is_sure = found.reason not in CONTRADICTIONS
             if self._is_sure:
                 self._window.confirm()

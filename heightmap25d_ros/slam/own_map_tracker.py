@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
@@ -59,6 +58,8 @@ class Placed(NamedTuple):
     submap : int
     T_submap_odom : (4, 4) float64
         In the frame of that submap.
+    covariance : (3, 3) float64
+        Of x, y [m], yaw [rad] since the beginning of that submap, along the axes of its frame.
     is_sure : bool
         Otherwise the map contradicts it, and it was not inserted.
     """
@@ -67,6 +68,7 @@ class Placed(NamedTuple):
     T_odom_base: se3.Matrix
     submap: int
     T_submap_odom: se3.Matrix
+    covariance: Array
     is_sure: bool
 
 
@@ -152,6 +154,7 @@ class OwnMapTracker:
         self._active: list[Submap] = []
         self._refreshed = self._submap_begun = self._viewed = -np.inf
         self._agreed = 0.0  # [m] travelled at the last update that the map did not contradict
+        self._observed = 0.0  # [m] travelled at the last one that observed something
         self._is_contradicted = False
         self._drift = _Drift(params, self.estimate)
         self._is_new_around = False
@@ -192,11 +195,26 @@ class OwnMapTracker:
             for p in self.placed
         ]
 
+    def covariances(self) -> list[Array]:
+        """(3, 3) of x, y [m], yaw [rad] of the robot at each scan, seen from its first pose."""
+        starts = [self.graph.covariance(0, number)[:3, :3] for number in range(len(self.submaps))]
+        found = []
+        for p in self.placed:
+            submap = self.submaps[p.submap]
+            start = submap.T_map_submap @ submap.start
+            away = (submap.T_map_submap @ p.T_submap_odom @ p.T_odom_base - start)[:2, 3]
+            lever = np.eye(3)
+            lever[0, 2], lever[1, 2] = -away[1], away[0]
+            found.append(lever @ starts[p.submap] @ lever.T + p.covariance)
+        return found
+
     def _move(self, T_odom_base: se3.Matrix) -> None:
         before, self._T_odom_base = self._T_odom_base, T_odom_base
         if before is None:
             return
         travelled = distance_travelled(before, T_odom_base)
+        if self.distance - self._observed > self._params.slam.refresh_distance:
+            self.unobserved += travelled
         self.estimate.predict(before, T_odom_base)
         self._drift.move(before, T_odom_base)
         self.distance += travelled
@@ -212,6 +230,8 @@ class OwnMapTracker:
             returns, self._T_odom_base, self._landmarks, is_map_growing=True
         )
         self._is_new_around = found.known < _MOSTLY_KNOWN
+        if found.reason in (Reason.ACCEPTED, Reason.UNOBSERVED):
+            self._observed = self.distance
         self._is_contradicted = found.reason is Reason.HIGH_RESIDUAL
         if not self._is_contradicted:
             self._agreed = self.distance
@@ -230,6 +250,7 @@ class OwnMapTracker:
     def _insert(self) -> None:
         """Insert the scans that wait, at the pose as it is now."""
         T_submap_odom = self._T_submap_odom()
+        covariance = self._drift.covariance[:3, :3]
         is_sure = not self._is_contradicted or self.distance - self._agreed > _IN_DOUBT
         for waiting in self._waiting:
             beams = waiting.beams
@@ -242,7 +263,7 @@ class OwnMapTracker:
                 self.submaps[-1].integrate(placed)
             self.placed.append(Placed(
                 waiting.stamp_ns, waiting.T_odom_base, len(self.submaps) - 1, T_submap_odom,
-                is_sure,
+                covariance, is_sure,
             ))  # fmt: skip
         stamp_ns = self._waiting[-1].stamp_ns
         self._waiting.clear()
@@ -285,7 +306,7 @@ class OwnMapTracker:
         turned = _turned(covariance, -before[2])
         self.graph.join(Edge(
             newest - 1, newest, between(before, self.submaps[-1].pose),
-            np.linalg.inv(turned), distance=travelled,
+            np.asarray(np.linalg.inv(turned)), distance=travelled,
         ))  # fmt: skip
         self._choose_active()
         if self._params.slam.close_loops:
@@ -370,7 +391,7 @@ class OwnMapTracker:
         x, y, z, _, _, yaw = se3.to_xyz_rpy(found.drift @ self.T_map_base)
         old = self.submaps[first].pose
         measured = between(old, np.array([x, y, yaw, z]))
-        information = np.linalg.inv(_turned(found.covariance, -old[2]))
+        information = np.asarray(np.linalg.inv(_turned(found.covariance, -old[2])))
         return Edge(first, newest, measured, information, is_loop=True)
 
     def _close(self, edges: list[Edge]) -> None:
@@ -411,7 +432,7 @@ class _Drift:
     def move(self, before: se3.Matrix, after: se3.Matrix) -> None:
         """The robot moved by odometry."""
         params, errors = self._params, self._estimate.errors
-        dx, dy, dz = (self._estimate.T_map_odom @ (after - before))[:3, 3]
+        dx, dy = (self._estimate.T_map_odom @ (after - before))[:2, 3]
         turn = abs(float(_yaw_between(before, after)))
         distance = float(np.hypot(dx, dy))
         if self._travelled + distance > params.interval * 5:
@@ -450,6 +471,3 @@ def _turned(covariance: Array, yaw: float) -> Array:
     turn = np.eye(4)
     turn[:2, :2] = [[cos, -sin], [sin, cos]]
     return np.asarray(turn @ covariance @ turn.T)
-
-
-__all__ = ["LoopAttempt", "NDArray", "OwnMapTracker", "Placed"]

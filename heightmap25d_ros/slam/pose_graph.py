@@ -135,6 +135,8 @@ class PoseGraph:
 
     def covariance(self, fixed: int, of: int) -> Array:
         """(4, 4) of a pose as seen from another one, along the axes of the map; infinite apart."""
+        if fixed == of:
+            return np.zeros((4, 4))
         if not np.isfinite(self.distances(fixed, np.inf)[of]):
             return np.diag(np.full(4, np.inf))
         free = np.isfinite(self.distances(fixed, np.inf))

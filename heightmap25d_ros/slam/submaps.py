@@ -32,7 +32,7 @@ class SubmapCells(NamedTuple):
 
     Attributes
     ----------
-    index : (N, 2) int64
+    places : (N, 2) int64
         iy, ix: the cell with the corner (ix, iy) times the resolution.
     layers : (N, 12) float32
         As of `LayerMap`, in the order of `layers.NAMES`; heights from the submap's level.
@@ -40,7 +40,7 @@ class SubmapCells(NamedTuple):
         Height of the height map from that level; NaN where unknown.
     """
 
-    index: NDArray[np.int64]
+    places: NDArray[np.int64]
     layers: NDArray[np.float32]
     top: NDArray[np.float32]
 
@@ -123,7 +123,7 @@ class Submap:
 
     def bounds(self) -> tuple[Array, Array]:
         """Lowest and highest x, y (2,) [m] of its cells in the map, not less than these."""
-        index, resolution = self.cells().index, self._params.grid.resolution
+        index, resolution = self.cells().places, self._params.grid.resolution
         if not len(index):
             place = (self.T_map_submap @ self.start)[:2, 3]
             return place, place
@@ -168,7 +168,7 @@ def joined(submaps: list[Submap], area: Area, resolution: float, level: float) -
         lift = float(T[2, 3]) + submap.level - level
         placed = float(T[0, 0]), float(T[1, 0]), float(T[0, 3]), float(T[1, 3]), lift
         corner = area.iy, area.ix
-        _add_cells(cells.index, cells.layers, cells.top, placed, corner, resolution, layers, top)
+        _add_cells(cells.places, cells.layers, cells.top, placed, corner, resolution, layers, top)
     return Joined(layers, top)
 
 
