@@ -7,7 +7,10 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 NAME = "heightmap25d_ros"
-NODES = ("driver", "localization", "mapping", "markers", "planning", "replay", "simulator")
+NODES = (
+    "exploration", "localization", "mapping", "markers", "path_follower", "planning", "replay",
+    "simulator",
+)  # fmt: skip
 
 
 def shared(folder: str) -> tuple[str, list[str]]:

@@ -15,6 +15,7 @@ from pathlib import Path
 import conversion
 import localization
 import localization_node
+import map_updates
 import mapping
 import memory
 import messages
@@ -76,6 +77,7 @@ def main() -> None:
         "node": node.measure(),
         "planning node": planning_node.measure(),
         "localization node": localization_node.measure(),
+        "map updates": map_updates.measure(),
         "messages": messages.measure(),
         "command line": command_line(),
     }

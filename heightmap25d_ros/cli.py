@@ -28,7 +28,7 @@ EXIT_UNUSABLE = 2
 EXIT_INTERRUPTED = 130
 COMMANDS = (
     "map", "localize", "slam", "plan", "convert", "render", "evaluate", "info", "view", "simulate",
-    "bringup",
+    "explore", "bringup",
 )  # fmt: skip
 """The commands in the order of ``--help``; each is a module of `commands` with an ``add_to``."""
 REPLAY = "heightmap25d_ros.executables", "replay"

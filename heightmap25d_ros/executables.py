@@ -15,7 +15,10 @@ import signal
 import sys
 from types import FrameType
 
-NODES = ("driver", "localization", "mapping", "markers", "planning", "replay", "simulator")
+NODES = (
+    "exploration", "localization", "mapping", "markers", "path_follower", "planning", "replay",
+    "simulator",
+)  # fmt: skip
 """The executables that are nodes; each is a module of `nodes` with a ``main``."""
 
 

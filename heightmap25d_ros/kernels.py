@@ -33,7 +33,7 @@ _IMPORT = re.compile(
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile a function of arrays and scalars when it is first called; cached on disk.
 
-    Division follows numpy's rules and raises nothing.
+    Division follows numpy's rules and raises nothing. Other threads run meanwhile.
     """
     return _compiled(function)
 
@@ -44,7 +44,7 @@ def inlined_kernel(function: Callable[..., Any]) -> Any:
 
 
 def _compiled(function: Callable[..., Any], **options: Any) -> Any:
-    dispatcher = njit(error_model="numpy", **options)(function)
+    dispatcher = njit(error_model="numpy", nogil=True, **options)(function)
     with suppress(RuntimeError):  # no writable directory: each process compiles again
         dispatcher._cache = _StampedCache(function)
     return dispatcher

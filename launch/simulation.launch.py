@@ -38,9 +38,10 @@ def generate_launch_description():
             ),
             Node(
                 package=PACKAGE,
-                executable="driver",
+                executable="path_follower",
                 namespace=LaunchConfiguration("namespace"),
-                parameters=[{"use_sim_time": True}],
+                parameters=[LaunchConfiguration("params_file"), {"use_sim_time": True}],
+                remappings=bringup.REMAPPINGS,
                 output="screen",
             ),
         ]

@@ -5,10 +5,10 @@
 Usage: python studies/closed_loop.py [-o DIRECTORY] [--rate R] [--json]
 
 First bags/ramp_1 is mapped with its true poses: the long-term map. Then `simulator`, `mapping`,
-`localization`, `planning` and `driver` run as processes of their own, with config/atrvjr.yaml. The
-robot knows where it starts and from there on what its wheels, its inclinometer and its lasers tell.
-It is sent down into the yard and, when it has arrived, back up to the landing; all the while it
-goes on mapping, and plans on that map.
+`localization`, `planning` and `path_follower` run as processes of their own, with
+config/atrvjr.yaml. The robot knows where it starts and from there on what its wheels, its
+inclinometer and its lasers tell. It is sent down into the yard and, when it has arrived, back up to
+the landing; all the while it goes on mapping, and plans on that map.
 
 The directory (default: out/closed_loop) gets run.gif, driven.tum (the true poses), known.tum (those
 that the robot took for true), the map at the end and summary.json. The exit status is 0 if the
@@ -60,7 +60,7 @@ STANDS = 0.01  # [m/s]
 AGAIN = 1.0  # [s] from one time that a goal is sent to the next
 
 GOALS = ((24.5, -0.6, 0.0), (3.0, 0.0, np.pi))  # [m], [rad], map: in the yard, and on the landing
-NODES = ("mapping", "localization", "planning", "driver", "simulator")
+NODES = ("mapping", "localization", "planning", "path_follower", "simulator")
 
 
 @dataclass

@@ -30,7 +30,7 @@ from heightmap25d_ros.evaluation.truth import read_goals, read_truth
 from heightmap25d_ros.grid.height_map import Area, Geometry
 from heightmap25d_ros.io.bag import Bag
 from heightmap25d_ros.params.by_name import with_values
-from heightmap25d_ros.params.sections import Params, SensorParams
+from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.mapping import Mapping
 from heightmap25d_ros.pipelines.replay import feed
 from heightmap25d_ros.pipelines.scan_queue import Reading
@@ -286,7 +286,7 @@ def looked_through(
     through = np.zeros(place.shape, bool)
     if not place.any():
         return through
-    beams = reading.beams(SensorParams())
+    beams = reading.beams(Params())
     rows, columns = np.nonzero(place)
     low = geometry.cell_corner((rows.min(), columns.min()))
     high = geometry.cell_corner((rows.max() + 1, columns.max() + 1))

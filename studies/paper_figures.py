@@ -225,7 +225,7 @@ def map_bag(settings: Params) -> Drive:
             readings += feed(mapping, event.topic, event.message)
         readings += mapping.flush()
     return Drive(
-        beams=[reading.beams(settings.sensor) for reading in readings],
+        beams=[reading.beams(settings) for reading in readings],
         trajectory=np.array([r.T_map_base[0, :3, 3] for r in readings]),
         heights=mapping.maps()[0],
     )

@@ -21,14 +21,14 @@ from heightmap25d_ros.version import VERSION
 
 NAME = "heightmap25d_ros"
 EXECUTABLES = {
-    "driver", "heightmap25d", "localization", "mapping", "markers", "planning", "replay",
-    "simulator",
+    "exploration", "heightmap25d", "localization", "mapping", "markers", "path_follower",
+    "planning", "replay", "simulator",
 }  # fmt: skip
 
 # From the ground up: a room imports the storeys below its own, and the rooms before it in its own.
 STOREYS = [
     ["version", "errors", "arrays", "kernels", "se3", "memory", "input_files", "params", "grid"],
-    ["mapping", "terrain", "planning", "localization", "slam"],
+    ["mapping", "terrain", "planning", "localization", "slam", "exploration", "control"],
     ["io", "viz", "evaluation", "pipelines"],
     ["simulation", "commands", "cli", "nodes", "executables"],
 ]
@@ -36,7 +36,7 @@ ROOMS = [room for storey in STOREYS for room in storey]
 
 # rosdep's name of what is imported under another name; rosbags and the extras, mujoco and rerun,
 # have none, llvmlite comes with numba, lz4 and zstd (backports, or compression from Python 3.14 on)
-# with rosbags, and grid_map_msgs is used where it is.
+# with rosbags, and grid_map_msgs, map_msgs and nav2_msgs are used where they are.
 ROSDEP_KEYS = {
     "argcomplete": "python3-argcomplete",
     "backports": None,
@@ -44,8 +44,10 @@ ROSDEP_KEYS = {
     "grid_map_msgs": None,
     "llvmlite": None,
     "lz4": None,
+    "map_msgs": None,
     "matplotlib": "python3-matplotlib",
     "mpl_toolkits": "python3-matplotlib",
+    "nav2_msgs": None,
     "numba": "python3-numba",
     "numpy": "python3-numpy",
     "mujoco": None,
@@ -110,9 +112,10 @@ def test_messages_depend_on_what_their_fields_use() -> None:
     folder = ROOT / "heightmap25d_msgs"
     used = {
         package
-        for path in (*folder.glob("msg/*.msg"), *folder.glob("srv/*.srv"))
+        for path in sorted(folder.glob("*/*.*"))
         for package in re.findall(r"^(\w+)/\w+", path.read_text(), re.MULTILINE)
-    }
+    } - {folder.name}
+    used |= {"action_msgs"} if any(folder.glob("action/*.action")) else set()
     package = manifest(folder)
     assert {d.name for d in package.build_depends} == used | {"rosidl_default_generators"}
     assert run_dependencies(package) == used | {"rosidl_default_runtime"}

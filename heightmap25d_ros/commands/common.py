@@ -20,7 +20,7 @@ from heightmap25d_ros.params import files
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.localization import Localizer
 from heightmap25d_ros.pipelines.mapping import Mapping
-from heightmap25d_ros.pipelines.replay import with_scan_topics
+from heightmap25d_ros.pipelines.replay import with_sources
 from heightmap25d_ros.pipelines.slam import Slam
 from heightmap25d_ros.terrain.traversability import OCCUPIED, ObstacleMap
 
@@ -60,6 +60,10 @@ def add_topics(command: argparse.ArgumentParser) -> None:
     command.add_argument("--scan-topic", metavar="T", action="append", default=[],
                          help="a laser, repeatable (default: intake.scan_topics of --params, or "
                               "every LaserScan topic)")  # fmt: skip
+    command.add_argument("--cloud-topic", metavar="T", action="append", default=[],
+                         help="a 3-D lidar or depth camera, repeatable (default: "
+                              "intake.cloud_topics of --params, or every PointCloud2 topic of a "
+                              "bag without LaserScan topics)")  # fmt: skip
 
 
 def check_output(directory: Path) -> None:
@@ -113,19 +117,20 @@ def read_params(options: argparse.Namespace, node: str = "mapping") -> Params:
 def read_bag_params(
     options: argparse.Namespace, bags: Sequence[Bag], node: str = "mapping"
 ) -> Params:
-    """The same, with scan topics of bags in them: of ``--scan-topic``, ``--params``, or all.
+    """The same, with topics of bags in them: of ``--scan-topic``, ``--params`` and so on, or all.
 
     Raises
     ------
     InputError
         As `read_params`; or if a bag lacks one that is named, or has none at all.
     """
+    chosen = options.scan_topic, options.cloud_topic
     if not options.params:
-        return with_scan_topics(Params(), bags, options.scan_topic)
+        return with_sources(Params(), bags, *chosen)
     values = files.values_in(options.params, node)
     settings = files.params_of(options.params, values)
     is_named = "intake.scan_topics" in values
-    return with_scan_topics(settings, bags, options.scan_topic, is_named=is_named)
+    return with_sources(settings, bags, *chosen, is_named=is_named)
 
 
 def warn(pipeline: Mapping | Localizer | Slam) -> list[str]:

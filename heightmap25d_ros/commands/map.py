@@ -94,6 +94,7 @@ def _map(options: argparse.Namespace) -> Figures:
         **figures_of(bags),
         "map": str(options.output),
         "merged": dict(mapping.merged),
+        **({"clouds": mapping.watch.clouds} if mapping.watch.clouds else {}),
         "dropped": dict(mapping.dropped),
         "warnings": [*(line for bag in bags for line in bag.warnings), *warnings],
         **cell_counts(height_map, obstacle_map),

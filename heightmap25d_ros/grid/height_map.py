@@ -148,6 +148,16 @@ class Area:
         columns = min(self.ix + self.columns, outer.ix + outer.columns) - ix
         return Area(iy, ix, max(rows, 0), max(columns, 0))
 
+    def hull(self, other: Area) -> Area:
+        """The smallest area that contains both; an empty one is in any."""
+        filled = [area for area in (self, other) if area.rows and area.columns]
+        if len(filled) < 2:
+            return filled[0] if filled else self
+        iy, ix = min(self.iy, other.iy), min(self.ix, other.ix)
+        rows = max(self.iy + self.rows, other.iy + other.rows) - iy
+        columns = max(self.ix + self.columns, other.ix + other.columns) - ix
+        return Area(iy, ix, rows, columns)
+
     def slices(self, outer: Area) -> tuple[slice, slice]:
         """The slices of this area in a dense array of another area."""
         y, x = self.iy - outer.iy, self.ix - outer.ix

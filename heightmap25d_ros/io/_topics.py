@@ -11,12 +11,13 @@ from dataclasses import dataclass, field
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, Qos
 
 LASER_SCAN = "sensor_msgs/msg/LaserScan"
+POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
 ODOMETRY = "nav_msgs/msg/Odometry"
 TF_MESSAGE = "tf2_msgs/msg/TFMessage"
 POSE = "geometry_msgs/msg/PoseStamped"
 POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 
-_READ = (LASER_SCAN, ODOMETRY, TF_MESSAGE)
+_READ = (LASER_SCAN, POINT_CLOUD, ODOMETRY, TF_MESSAGE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,8 +27,8 @@ class Topic:
     Attributes
     ----------
     message_type : str
-        That its messages are read as: LaserScan, Odometry or TFMessage where it has such
-        messages, else that of the most messages.
+        That its messages are read as: LaserScan, PointCloud2, Odometry or TFMessage where it has
+        such messages, else that of the most messages.
     count : int
         Messages of this type.
     profiles : tuple of Qos

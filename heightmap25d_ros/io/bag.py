@@ -27,6 +27,7 @@ from heightmap25d_ros.io._definitions import learn
 from heightmap25d_ros.io._topics import (
     LASER_SCAN,
     ODOMETRY,
+    POINT_CLOUD,
     POSE,
     POSE_WITH_COVARIANCE,
     TF_MESSAGE,
@@ -38,6 +39,7 @@ from heightmap25d_ros.io._topics import (
 __all__ = [
     "LASER_SCAN",
     "ODOMETRY",
+    "POINT_CLOUD",
     "POSE",
     "POSE_WITH_COVARIANCE",
     "TF_MESSAGE",

@@ -237,22 +237,44 @@ def twist(message: Any) -> tuple[float, float]:
     return command
 
 
-def path(message: Any) -> NDArray[np.float64]:
-    """(N, 2) float64 [m]: the places of a nav_msgs/Path.
+def path_in(message: Any, frame_id: str) -> NDArray[np.float64]:
+    """(N, 3) float64 [m, m, rad]: x, y and heading of the poses of a nav_msgs/Path in a frame.
 
     Raises
     ------
     InputError
-        If one is not finite, or farther away than `POSITION_LIMIT`; or the path is longer than
-        `LONGEST_PATH`.
+        If it is in another frame or longer than `LONGEST_PATH`; and for what `pose` refuses.
     """
-    places = [(stamped.pose.position.x, stamped.pose.position.y) for stamped in message.poses]
-    points = np.array(places, np.float64).reshape(-1, 2)
-    if not (np.abs(points) <= POSITION_LIMIT).all():
-        raise InputError("poses: a position is not a place")
+    require_frame(message.header, frame_id)
+    poses = path_poses(message)
+    points = poses[:, :2, 3]
     if np.abs(np.diff(points, axis=0)).sum() > LONGEST_PATH:
         raise InputError(f"poses: are more than {LONGEST_PATH:g} m long")
-    return points
+    return np.column_stack([points, np.arctan2(poses[:, 1, 0], poses[:, 0, 0])])
+
+
+def polygon(message: Any, frame_id: str) -> NDArray[np.float64]:
+    """(N, 2) float64 [m]: the corners of a geometry_msgs/PolygonStamped in a frame.
+
+    Raises
+    ------
+    InputError
+        If it has corners and is in another frame.
+    """
+    points = message.polygon.points
+    if len(points):
+        require_frame(message.header, frame_id)
+    return np.array([(point.x, point.y) for point in points], np.float64).reshape(-1, 2)
+
+
+def path_poses(message: Any) -> NDArray[np.float64]:
+    """(N, 4, 4) the poses of a nav_msgs/Path in its own frame; refuses what `pose` refuses."""
+    poses = [stamped.pose for stamped in message.poses]
+    coordinates = [
+        _coordinates(pose.position, pose.orientation, f"poses[{index}]")
+        for index, pose in enumerate(poses)
+    ]
+    return _matrices(coordinates) if coordinates else np.empty((0, 4, 4))
 
 
 def planar_covariance(message: Any, limits: ArrayLike) -> NDArray[np.float64]:

@@ -50,6 +50,27 @@ def fill_occupancy_grid(
     message.data = _array("b", occupancy)
 
 
+def fill_occupancy_grid_update(
+    message: Any, occupancy: NDArray[np.int8], corner: tuple[int, int], stamp: int, frame_id: str
+) -> None:
+    """Fill a map_msgs/OccupancyGridUpdate.
+
+    Parameters
+    ----------
+    message : map_msgs.msg.OccupancyGridUpdate
+    occupancy : (rows, columns) int8
+        Of the cells that are replaced.
+    corner : (row, column)
+        Of the first of them in the whole map.
+    stamp : int [ns]
+    frame_id : str
+    """
+    fill_header(message.header, stamp, frame_id)
+    message.y, message.x = corner
+    message.height, message.width = occupancy.shape
+    message.data = _array("b", occupancy)
+
+
 def fill_height_grid(message: Any, height_map: HeightMap, stamp: int, frame_id: str) -> None:
     """Fill a heightmap25d_msgs/HeightGrid.
 

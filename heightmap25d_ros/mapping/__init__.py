@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""From a scan to cells; arrays in, cells out.
+"""From a scan or a cloud to cells; arrays in, cells out.
 
-`sensor_model` makes the beams of a scan, `cell_update` is the paper's update of one cell, and
-`mapper` traces each beam through the grid.
+`sensor_model` makes the beams of a scan and `cloud` those of a point cloud, `cell_update` is the
+paper's update of one cell, and `mapper` traces each beam through the grid.
 """

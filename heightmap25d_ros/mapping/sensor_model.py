@@ -9,6 +9,7 @@ outliers among the returns.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,6 +39,8 @@ class Scan:
     >>> Scan(angle_min=0.0, angle_increment=0.01, ranges=[2.0, 2.1]).ranges
     array([2. , 2.1], dtype=float32)
     """
+
+    KIND: ClassVar[str] = "scan"
 
     stamp_ns: int = 0
     frame_id: str = ""
@@ -173,8 +176,14 @@ def _in_box(
     return np.asarray(((in_base >= lowest) & (in_base <= highest)).all(axis=1))
 
 
-def _poses(name: str, poses: ArrayLike, count: int) -> se3.Matrix:
-    """(N, 4, 4) or (1, 4, 4): poses of so many beams."""
+def stacked_poses(name: str, poses: ArrayLike, count: int) -> se3.Matrix:
+    """(N, 4, 4) or (1, 4, 4): poses of so many beams.
+
+    Raises
+    ------
+    ValueError
+        If they are of another shape; the message begins with their name.
+    """
     stack = np.asarray(poses, np.float64)
     stack = stack[None] if stack.ndim == 2 else stack
     if stack.shape[1:] != (4, 4) or len(stack) not in (1, count):
@@ -221,8 +230,8 @@ def beams(
     array([[2. , 0. , 0.4]])
     """
     params = params or SensorParams()
-    T_map_base = _poses("T_map_base", T_map_base, len(scan.ranges))
-    T_base_sensor = _poses("T_base_sensor", T_base_sensor, len(scan.ranges))
+    T_map_base = stacked_poses("T_map_base", T_map_base, len(scan.ranges))
+    T_base_sensor = stacked_poses("T_base_sensor", T_base_sensor, len(scan.ranges))
     ranges = scan.ranges.astype(np.float64)
     is_miss = no_returns(scan, params.no_return)
     ranges[is_miss] = np.inf

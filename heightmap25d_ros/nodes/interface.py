@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The rows of the tables that a node's file begins with: topics and services."""
+"""The rows of the tables that a node's file begins with: topics, services and actions."""
 
 from __future__ import annotations
 
@@ -52,3 +52,25 @@ class Service:
     kind: Any
     name: str
     callback: Callable[[Any, Any], Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Action:
+    """An action that takes goals while the node is active, and rejects them while it is not.
+
+    Both callbacks run in the node's executor and return at once.
+
+    Attributes
+    ----------
+    kind : a class of actions
+    name : str
+    accept : callable
+        Takes the `rclpy.action.server.ServerGoalHandle` of a new goal.
+    cancel : callable
+        Takes that of a goal whose client wants it cancelled.
+    """
+
+    kind: Any
+    name: str
+    accept: Callable[[Any], None]
+    cancel: Callable[[Any], None]

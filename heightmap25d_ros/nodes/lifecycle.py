@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import NameValidationException, ParameterNotDeclaredException
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
@@ -19,22 +20,26 @@ from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.nodes import parameters, qos
 from heightmap25d_ros.nodes.diagnostics import Diagnostics
 from heightmap25d_ros.nodes.guard import GuardedCallbacks
-from heightmap25d_ros.nodes.interface import Input, Output, Service
+from heightmap25d_ros.nodes.interface import Action, Input, Output, Service
 from heightmap25d_ros.params import by_name
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.drops import Drops
-from heightmap25d_ros.pipelines.input_watch import Flatness
+from heightmap25d_ros.pipelines.input_watch import Flatness, InputWatch
 
 REPORT_PERIOD = 5.0
 """Between two log lines about dropped messages [s]."""
 
 
+RESULT_TIMEOUT = 10
+"""How long the result of an action is kept for its client [s]."""
+
+
 class ManagedNode(GuardedCallbacks, LifecycleNode):
     """A managed node that configures and activates itself, unless ``autostart`` is false.
 
-    A subclass names its topics and services in `inputs`, `outputs` and `offered_services`, and
-    makes its pipeline in `set_up`. Publishers and services exist while the node is configured,
-    subscriptions and timers while it is active.
+    A subclass names its topics, services and actions in `inputs`, `outputs`, `offered_services` and
+    `offered_actions`, and makes its pipeline in `set_up`. Publishers, services and actions exist
+    while the node is configured, subscriptions and timers while it is active.
 
     A subclass has its NAME, and the PARAMETERS that it uses: sections of `Params`, or single ones.
 
@@ -80,6 +85,10 @@ class ManagedNode(GuardedCallbacks, LifecycleNode):
 
     def offered_services(self) -> list[Service]:
         """What the node answers."""
+        return []
+
+    def offered_actions(self) -> list[Action]:
+        """What the node does at length."""
         return []
 
     def set_up(self) -> None:
@@ -128,9 +137,13 @@ class ManagedNode(GuardedCallbacks, LifecycleNode):
         """Publish on one of the `outputs`."""
         self.publishers_by_topic[topic].publish(message)
 
+    def count_listeners(self, topic: str) -> int:
+        """How many subscribe to one of the `outputs`."""
+        return int(self.publishers_by_topic[topic].get_subscription_count())
+
     def has_subscribers(self, topic: str) -> bool:
         """Whether anybody subscribes to one of the `outputs`."""
-        return bool(self.publishers_by_topic[topic].get_subscription_count())
+        return self.count_listeners(topic) > 0
 
     def create_wall_timer(self, period: float, callback: Callable[[], Any]) -> Timer:
         """A timer [s] of the machine's clock, however fast a bag is replayed."""
@@ -220,6 +233,24 @@ class ManagedNode(GuardedCallbacks, LifecycleNode):
             self.publishers_by_topic[output.topic] = publisher
         for service in self.offered_services():
             self.create_service(service.kind, service.name, service.callback)
+        for action in self.offered_actions():
+            self._create_action_server(action)
+
+    def _create_action_server(self, action: Action) -> None:
+        def cancel(goal: Any) -> CancelResponse:
+            action.cancel(goal)
+            return CancelResponse.ACCEPT
+
+        ActionServer(
+            self,
+            action.kind,
+            action.name,
+            execute_callback=lambda goal: None,  # goals are executed by `accept`
+            goal_callback=lambda _: GoalResponse.ACCEPT if self.is_active else GoalResponse.REJECT,
+            handle_accepted_callback=self.guard.wrapped(action.accept),
+            cancel_callback=cancel,
+            result_timeout=RESULT_TIMEOUT,
+        )
 
     def _activate(self) -> None:
         for entry in self.inputs():
@@ -233,7 +264,10 @@ class ManagedNode(GuardedCallbacks, LifecycleNode):
         self._diagnostics.deactivate()
 
     def _report_drops(self) -> None:
-        """Warn of what was dropped, or used with a reservation, since the last time."""
+        """Tell how clouds are read; warn of what was dropped, or used with a reservation."""
+        watch: InputWatch | None = getattr(self, "watch", None)
+        for line in watch.new_layouts() if watch is not None else ():
+            self.get_logger().info(line)
         dropped = self.dropped
         for sentence in dropped.new_notices():
             self.get_logger().warning(sentence)
@@ -263,6 +297,7 @@ class ManagedNode(GuardedCallbacks, LifecycleNode):
             (self.subscriptions, self.destroy_subscription),
             (self.services, self.destroy_service),
             (self.publishers, self.destroy_lifecycle_publisher),
+            (filter(_is_action_server, self.waitables), ActionServer.destroy),
         ]
         return {entity: destroy for entities, destroy in kinds for entity in entities}
 
@@ -279,6 +314,10 @@ class ManagedNode(GuardedCallbacks, LifecycleNode):
         self.params = params
         if self.is_configured:
             self.take_params()
+
+
+def _is_action_server(waitable: Any) -> bool:
+    return isinstance(waitable, ActionServer)
 
 
 def _or_refused(change_state: Callable[[Any, Any], Any], request: Any, response: Any) -> Any:

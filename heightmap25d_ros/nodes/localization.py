@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
-from sensor_msgs.msg import LaserScan
+from sensor_msgs.msg import LaserScan, PointCloud2
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
@@ -45,6 +45,7 @@ class LocalizationNode(ManagedNode):
         "sensor",
         "mapper",
         "intake",
+        "cloud",
         "odometry",
         "short_term",
         "registration",
@@ -53,10 +54,14 @@ class LocalizationNode(ManagedNode):
     )
 
     def inputs(self) -> list[Input]:
-        """Lasers, poses, transforms; the long-term map where it does not come from a directory."""
+        """Lasers, clouds, poses, transforms; the long-term map where it is from no directory."""
         scans = [
             Input(LaserScan, topic, partial(self._on_scan, topic), qos.SCANS, is_needed=True)
             for topic in self.params.intake.scan_topics
+        ]
+        clouds = [
+            Input(PointCloud2, topic, partial(self._on_cloud, topic), qos.CLOUDS, is_needed=True)
+            for topic in self.params.intake.cloud_topics
         ]
         long_term = Input(
             HeightGrid, "long_term_grid", self._localizer.take_long_term, qos.LATCHED,
@@ -64,6 +69,7 @@ class LocalizationNode(ManagedNode):
         )  # fmt: skip
         return [
             *scans,
+            *clouds,
             *pose_inputs(self.params.intake, self._on_odometry, self._on_transforms, self.flatness),
             Input(PoseWithCovarianceStamped, "initialpose", self._on_initial_pose, qos.QUEUE),
             *([] if self.params.localization.map_directory else [long_term]),
@@ -139,6 +145,9 @@ class LocalizationNode(ManagedNode):
 
     def _on_scan(self, topic: str, message: LaserScan) -> None:
         self._publish(self._localizer.take_scan(topic, message))
+
+    def _on_cloud(self, topic: str, message: PointCloud2) -> None:
+        self._publish(self._localizer.take_cloud(topic, message))
 
     def _on_transforms(self, message: TFMessage, is_static: bool) -> None:
         self._publish(self._localizer.take_transforms(message, is_static=is_static))

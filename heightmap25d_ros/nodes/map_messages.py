@@ -6,7 +6,9 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from nav_msgs.msg import OccupancyGrid
+from numpy.typing import NDArray
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Float32MultiArray, MultiArrayDimension
 
@@ -21,6 +23,11 @@ try:
 except ImportError:
     GridMap = None
 
+try:
+    from map_msgs.msg import OccupancyGridUpdate
+except ImportError:
+    OccupancyGridUpdate = None
+
 Maps = tuple[HeightMap, ObstacleMap]
 
 TOPICS = {
@@ -33,6 +40,13 @@ TOPICS = {
 
 if GridMap is not None:
     TOPICS["grid_map"] = GridMap
+
+
+UPDATE = OccupancyGridUpdate
+"""Type of an update of a map; None where map_msgs is not installed."""
+
+UPDATED_TOPICS = () if UPDATE is None else ("map", "cost_map")
+"""The topics of which updates are published."""
 
 
 def message_of(topic: str, maps: Maps, stamp: int, frame: str, anchor: AnchorTransform) -> Any:
@@ -62,6 +76,32 @@ def message_of(topic: str, maps: Maps, stamp: int, frame: str, anchor: AnchorTra
             message, Float32MultiArray, MultiArrayDimension, height_map, stamp, frame
         )
     else:
-        cells = obstacle_map.occupancy if topic == "map" else obstacle_map.cost
+        cells = _occupancy(topic, obstacle_map)
         encode.fill_occupancy_grid(message, cells, height_map.geometry, stamp, frame)
     return message
+
+
+def update_of(
+    topic: str, part: ObstacleMap, corner: tuple[int, int], stamp: int, frame: str
+) -> Any:
+    """The map_msgs/OccupancyGridUpdate of one of `UPDATED_TOPICS`.
+
+    Parameters
+    ----------
+    topic : str
+    part : ObstacleMap
+        The cells that are replaced.
+    corner : (row, column)
+        Of the first of them in the whole map.
+    stamp : int [ns]
+    frame : str
+        Of the map.
+    """
+    message = UPDATE()
+    encode.fill_occupancy_grid_update(message, _occupancy(topic, part), corner, stamp, frame)
+    return message
+
+
+def _occupancy(topic: str, obstacle_map: ObstacleMap) -> NDArray[np.int8]:
+    """(rows, columns) int8: the cells of ``map`` or of ``cost_map``."""
+    return obstacle_map.occupancy if topic == "map" else obstacle_map.cost

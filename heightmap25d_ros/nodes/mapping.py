@@ -13,7 +13,7 @@ from typing import Any
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.srv import GetMap
-from sensor_msgs.msg import LaserScan
+from sensor_msgs.msg import LaserScan, PointCloud2
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
@@ -24,7 +24,7 @@ from heightmap25d_ros.io import encode, map_directory
 from heightmap25d_ros.nodes import map_transform, qos, runtime
 from heightmap25d_ros.nodes.interface import Input, Output, Service
 from heightmap25d_ros.nodes.lifecycle import REPORT_PERIOD, ManagedNode
-from heightmap25d_ros.nodes.map_messages import TOPICS, message_of
+from heightmap25d_ros.nodes.map_publisher import MapPublisher
 from heightmap25d_ros.nodes.map_transform import AnchorTransform, MapTransform
 from heightmap25d_ros.nodes.pose_source import pose_inputs
 from heightmap25d_ros.pipelines.drops import Drops
@@ -42,16 +42,30 @@ class MappingNode(ManagedNode):
     """
 
     NAME = "mapping"
-    PARAMETERS = ("grid", "sensor", "mapper", "traversability", "intake", "odometry", "mapping")
+    PARAMETERS = (
+        "grid",
+        "sensor",
+        "mapper",
+        "traversability",
+        "intake",
+        "cloud",
+        "odometry",
+        "mapping",
+    )
 
     def inputs(self) -> list[Input]:
-        """Lasers, poses, transforms, and what localization says."""
+        """Lasers, clouds, poses, transforms, and what localization says."""
         scans = [
             Input(LaserScan, topic, partial(self._on_scan, topic), qos.SCANS, is_needed=True)
             for topic in self.params.intake.scan_topics
         ]
+        clouds = [
+            Input(PointCloud2, topic, partial(self._on_cloud, topic), qos.CLOUDS, is_needed=True)
+            for topic in self.params.intake.cloud_topics
+        ]
         return [
             *scans,
+            *clouds,
             *pose_inputs(
                 self.params.intake, self._on_odometry, self._on_transforms, self.flatness
             ),
@@ -67,10 +81,11 @@ class MappingNode(ManagedNode):
 
     def outputs(self) -> list[Output]:
         """The maps and their frame, and map -> odom where nobody else publishes it."""
-        maps = [Output(kind, topic, qos.LATCHED) for topic, kind in TOPICS.items()]
-        maps.append(Output(TFMessage, "/tf_static", qos.STATIC_TRANSFORMS))
-        is_wanted = self.params.mapping.publish_transform
-        return [*maps, *([Output(TFMessage, "/tf", qos.POSES)] if is_wanted else [])]
+        outputs = self._publisher.outputs()
+        outputs.append(Output(TFMessage, "/tf_static", qos.STATIC_TRANSFORMS))
+        if self.params.mapping.publish_transform:
+            outputs.append(Output(TFMessage, "/tf", qos.POSES))
+        return outputs
 
     def offered_services(self) -> list[Service]:
         """What is asked of the map."""
@@ -87,8 +102,8 @@ class MappingNode(ManagedNode):
         self._mapping = Mapping(self.params)
         self._version = 0  # of the map: counts merges, loads and clears
         self._saved = 0
-        self._published: dict[str, int] = {}
         self._anchor = AnchorTransform(self._frame)
+        self._publisher = MapPublisher(self, self._mapping, self._frame, self._anchor)
         self._latency_ms = 0.0
         if self.params.mapping.autosave:
             self._path(self.params.mapping.autosave)  # a wrong name is an error now, not at the end
@@ -111,7 +126,7 @@ class MappingNode(ManagedNode):
     def take_params(self) -> None:
         """Apply new parameters; the map is kept, converted and published again."""
         self._mapping.set_params(self.params)
-        self._published.clear()
+        self._publisher.begin_anew()
         if self.is_active:
             self.destroy_timer(self._publish_timer)
             self._start_publishing()
@@ -163,6 +178,9 @@ class MappingNode(ManagedNode):
     def _on_scan(self, topic: str, message: LaserScan) -> None:
         self._count(self._mapping.take_scan(topic, message))
 
+    def _on_cloud(self, topic: str, message: PointCloud2) -> None:
+        self._count(self._mapping.take_cloud(topic, message))
+
     def _on_odometry(self, message: Any) -> None:
         self._count(self._mapping.take_odometry(message))
 
@@ -194,24 +212,17 @@ class MappingNode(ManagedNode):
         moved = self._anchor.update(self._mapping.grid.anchor, self._mapping.stamp_ns)
         if moved is not None:
             self.publish("/tf_static", moved)
-        due = [
-            topic
-            for topic in TOPICS
-            if self._version
-            and self._published.get(topic) != self._version
-            and self.has_subscribers(topic)
-        ]
-        if not due:
+        if not self._version:
             return
         try:
-            maps = self._mapping.maps()
+            self._publisher.publish(self._version)
         except InputError as error:
             self.get_logger().error(str(error), throttle_duration_sec=REPORT_PERIOD)
-            return
-        for topic in due:
-            stamp, frame = self._mapping.stamp_ns, self._frame
-            self.publish(topic, message_of(topic, maps, stamp, frame, self._anchor))
-            self._published[topic] = self._version
+
+    def _replace_map(self) -> None:
+        """Another map is published from now on."""
+        self._version += 1
+        self._publisher.begin_anew()
 
     def _path(self, name: str) -> Path:
         return map_directory.map_path(Path(self.params.mapping.map_directory), name)
@@ -232,7 +243,7 @@ class MappingNode(ManagedNode):
     def _load(self, name: str) -> None:
         path = self._path(name)
         self._mapping.load(path)
-        self._version += 1
+        self._replace_map()
         self._saved = self._version
         self.get_logger().info(f"map loaded: {path}")
 
@@ -260,7 +271,7 @@ class MappingNode(ManagedNode):
         except InputError as error:
             response.message = str(error)
             return response
-        self._version += 1
+        self._replace_map()
         response.success = True
         self.get_logger().info("map cleared")
         return response

@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from rcl_interfaces.msg import (
     FloatingPointRange,
     ParameterDescriptor,
-    ParameterType,
     SetParametersResult,
 )
 from rclpy.node import Node
@@ -59,7 +58,7 @@ def declare_params(node: Node, used: Sequence[str]) -> Params:
     for name, (spec, value) in used_by(params, used).items():
         descriptor = _descriptor(name, spec, value)
         if value == ():
-            _declare_empty(node, name, descriptor)
+            _declare_empty(node, name, spec, descriptor)
         else:
             # The override is in the value, and may be an integer where that is not one.
             node.declare_parameter(name, value, descriptor, ignore_override=True)
@@ -75,14 +74,15 @@ def used_by(params: Params, used: Sequence[str]) -> dict[str, tuple[Spec, Value]
     }
 
 
-def _declare_empty(node: Node, name: str, descriptor: ParameterDescriptor) -> None:
-    """Declare an empty list of numbers, which rclpy would take for bytes.
+def _declare_empty(node: Node, name: str, spec: Spec, descriptor: ParameterDescriptor) -> None:
+    """Declare an empty list of numbers or strings, which rclpy would take for bytes.
 
     Declared by its type only it would not be set, and `ros2 param dump` tell of no parameter.
     """
-    node.declare_parameter(name, [0.0])
-    node.set_parameters([Parameter(name, Parameter.Type.DOUBLE_ARRAY, [])])
-    descriptor.type = ParameterType.PARAMETER_DOUBLE_ARRAY
+    kind = Parameter.Type.STRING_ARRAY if spec.entries is str else Parameter.Type.DOUBLE_ARRAY
+    node.declare_parameter(name, [spec.entries()])
+    node.set_parameters([Parameter(name, kind, [])])
+    descriptor.type = kind.value
     node.set_descriptor(name, descriptor)
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes without a life cycle: the simulator and its driver."""
+"""Nodes without a life cycle: the simulator."""
 
 from __future__ import annotations
 

@@ -9,7 +9,13 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import Pose, PoseArray, PoseStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import (
+    PolygonStamped,
+    Pose,
+    PoseArray,
+    PoseStamped,
+    PoseWithCovarianceStamped,
+)
 from nav_msgs.msg import Path
 from nav_msgs.srv import GetPlan
 from tf2_msgs.msg import TFMessage
@@ -17,8 +23,9 @@ from tf2_msgs.msg import TFMessage
 from heightmap25d_msgs.msg import HeightGrid, PlanStatus
 from heightmap25d_ros.io import encode
 from heightmap25d_ros.nodes import qos, runtime
-from heightmap25d_ros.nodes.interface import Input, Output, Service
+from heightmap25d_ros.nodes.interface import Action, Input, Output, Service
 from heightmap25d_ros.nodes.lifecycle import ManagedNode
+from heightmap25d_ros.nodes.planner_server import IS_AVAILABLE, PlannerServer
 from heightmap25d_ros.nodes.pose_source import pose_inputs
 from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.planning import Planning
@@ -52,6 +59,7 @@ class PlanningNode(ManagedNode):
                 PoseWithCovarianceStamped, "pose_correction", self._planning.take_correction,
                 qos.QUEUE,
             ),
+            Input(PolygonStamped, "boundary", self._on_boundary, qos.LATCHED),
         ]  # fmt: skip
 
     def outputs(self) -> list[Output]:
@@ -64,15 +72,27 @@ class PlanningNode(ManagedNode):
 
     def offered_services(self) -> list[Service]:
         """Plans between any two poses."""
-        return [Service(GetPlan, "~/get_plan", self._get_plan)]
+        of_nav2 = [] if self._server is None else self._server.services()
+        return [Service(GetPlan, "~/get_plan", self._get_plan), *of_nav2]
+
+    def offered_actions(self) -> list[Action]:
+        """Paths, as Nav2 asks for them."""
+        return [] if self._server is None else self._server.actions()
 
     def set_up(self) -> None:
         """Make the planner."""
         self._planning = Planning(self.params)
+        self._server = PlannerServer(self, self._planning, self._show) if IS_AVAILABLE else None
         self._plan: Plan | None = None
         self._is_stale = False
         self._unshown: Plan | None = None  # whose field has not been published
         compile_kernels()
+
+    def finish(self) -> bool:
+        """Give up the goals that are planned to; there is nothing to save."""
+        if self._server is not None:
+            self._server.close()
+        return True
 
     def start(self) -> None:
         """Publish the field now and then; look for silence by the node's clock."""
@@ -106,6 +126,9 @@ class PlanningNode(ManagedNode):
     def _on_goal(self, message: PoseStamped) -> None:
         self._publish(self._planning.take_goal(message))
 
+    def _on_boundary(self, message: PolygonStamped) -> None:
+        self._publish(self._planning.take_boundary(message))
+
     def _on_map(self, message: HeightGrid) -> None:
         self._publish(self._planning.take_map(message))
 
@@ -118,18 +141,22 @@ class PlanningNode(ManagedNode):
     def _publish(self, plan: Plan | None) -> None:
         if plan is None:
             return
-        self._plan = plan
-        stamp = self.get_clock().now().nanoseconds
-        path = Path()
-        self._fill_path(path, plan, stamp)
-        self.publish("plan", path)
-        self._publish_status(plan, stamp)
-        self._unshown = plan
+        self._show(plan)
         if plan.found:
             milliseconds = 1e3 * plan.seconds
             self.get_logger().info(f"path of {plan.length:.1f} m found in {milliseconds:.0f} ms")
         else:
             self.get_logger().warning(f"no path: {plan.reason}")
+
+    def _show(self, plan: Plan) -> Path:
+        """Publish a plan and its status; the message of its path."""
+        self._plan = self._unshown = plan
+        stamp = self.get_clock().now().nanoseconds
+        path = Path()
+        self._fill_path(path, plan, stamp)
+        self.publish("plan", path)
+        self._publish_status(plan, stamp)
+        return path
 
     def _publish_status(self, plan: Plan, stamp: int) -> None:
         """Of a plan; a stale one has TF_ERROR and its figures."""

@@ -23,8 +23,14 @@ POSES = QoSProfile(depth=100)
 SCANS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 """As qos_profile_sensor_data, but deep enough for the scans that come while a map is converted."""
 
+CLOUDS = QoSProfile(depth=10)
+"""Of point clouds: megabytes each, of which best effort would lose parts; see `best_effort`."""
+
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Of maps and plans: reliable, and a late subscriber gets the newest one."""
+
+UPDATES = QoSProfile(depth=100)
+"""Of changes of maps, each of which counts: reliable, and only for who listens."""
 
 STATIC_TRANSFORMS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Of /tf_static."""

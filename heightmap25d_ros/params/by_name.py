@@ -50,13 +50,12 @@ def is_live(name: str) -> bool:
     return name.startswith(_LIVE)
 
 
-def _convert(name: str, given: Any, default: Value) -> Any:
+def _convert(name: str, given: Any, default: Value, entries: type = float) -> Any:
     """The given value in the default's type: integers become floats, lists become tuples."""
     if isinstance(default, tuple):
-        entry_type = str if default and isinstance(default[0], str) else float
         if not isinstance(given, list | tuple):
             raise InputError(f"parameter {name}: {given!r} is not a list")
-        return tuple(_convert(name, entry, entry_type()) for entry in given)
+        return tuple(_convert(name, entry, entries()) for entry in given)
     if isinstance(given, int) and abs(given) >= 2**63:
         raise InputError(f"parameter {name}: an integer has 64 bits")
     if isinstance(default, float) and isinstance(given, int) and not isinstance(given, bool):
@@ -102,6 +101,16 @@ def with_present_names(values: Mapping[str, Any]) -> tuple[dict[str, Any], list[
     return present, notices
 
 
+def _with_clouds_alone(values: dict[str, Any]) -> dict[str, Any]:
+    """Values in which cloud_topics, where no scan_topics are given, are the only sources.
+
+    A ROS parameter file cannot say that there are none: it knows no empty list.
+    """
+    if values.get("intake.cloud_topics") and "intake.scan_topics" not in values:
+        return {**values, "intake.scan_topics": []}
+    return values
+
+
 def with_values(params: Params, values: Mapping[str, Any]) -> Params:
     """Copy of the parameters with some values replaced, all of them or none.
 
@@ -128,11 +137,12 @@ def with_values(params: Params, values: Mapping[str, Any]) -> Params:
     for notice in notices:
         warnings.warn(notice, FutureWarning, stacklevel=2)
     changes: dict[str, Any] = {}
-    for name, given in present.items():
+    for name, given in _with_clouds_alone(present).items():
         if name not in known:
             raise InputError(unknown(name, known))
         section, _, key = name.partition(".")
-        value = _convert(name, given, known[name][1])
+        spec, before = known[name]
+        value = _convert(name, given, before, spec.entries)
         if key:
             changes.setdefault(section, {})[key] = value
         else:

@@ -240,9 +240,17 @@ class PlannerParams(Section):
 class IntakeParams(Section):
     """Which messages are used, and how long a scan waits for its poses."""
 
-    scan_topics: tuple[str, ...] = parameter(("scan",), "LaserScan topics, one per laser")
+    scan_topics: tuple[str, ...] = parameter(
+        ("scan",), "LaserScan topics, one per laser; none by default where cloud_topics are given",
+    )  # fmt: skip
     mounts: tuple[float, ...] = parameter(
         (), "x, y, z, roll, pitch, yaw of each laser in base_link; empty: from /tf", "m, rad"
+    )
+    cloud_topics: tuple[str, ...] = parameter(
+        (), "PointCloud2 topics, one per 3-D lidar or depth camera", entries=str
+    )
+    cloud_mounts: tuple[float, ...] = parameter(
+        (), "x, y, z, roll, pitch, yaw of each of these in base_link; empty: from /tf", "m, rad"
     )
     base_frame: str = parameter("base_link", "frame of the robot")
     pose_source: str = parameter(
@@ -269,13 +277,40 @@ class IntakeParams(Section):
 
     def __post_init__(self) -> None:
         Section.__post_init__(self)
-        if not all(self.scan_topics) or len(set(self.scan_topics)) < len(self.scan_topics):
-            raise InputError("parameter intake.scan_topics: a topic is empty or named twice")
-        if self.mounts and len(self.mounts) != 6 * len(self.scan_topics):
-            raise InputError(
-                f"parameter intake.mounts: {len(self.mounts)} numbers for "
-                f"{len(self.scan_topics)} lasers; needs six for each, or none"
-            )
+        for name, topics, mounts in (
+            ("scan_topics", self.scan_topics, "mounts"),
+            ("cloud_topics", self.cloud_topics, "cloud_mounts"),
+        ):
+            if not all(topics) or len(set(topics)) < len(topics):
+                raise InputError(f"parameter intake.{name}: a topic is empty or named twice")
+            given = len(getattr(self, mounts))
+            if given and given != 6 * len(topics):
+                raise InputError(
+                    f"parameter intake.{mounts}: {given} numbers for {len(topics)} {name}; needs "
+                    "six for each, or none"
+                )
+        both = set(self.scan_topics) & set(self.cloud_topics)
+        if both:
+            raise InputError(f"parameter intake.cloud_topics: {min(both)} is in scan_topics too")
+
+    @property
+    def source_topics(self) -> tuple[str, ...]:
+        """The topics of all lasers, 3-D lidars and depth cameras."""
+        return self.scan_topics + self.cloud_topics
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CloudParams(Section):
+    """How many of the returns of a point cloud are used."""
+
+    step: int = parameter(
+        1, "every so many points of a ring or row are used, of a cloud without these of all",
+        low=1, high=1000,
+    )  # fmt: skip
+    voxel_size: float = parameter(
+        0.0, "one return of each cube of this side, in the frame of the sensor, is used; 0: all",
+        "m", low=0.0, high=10.0,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -365,6 +400,9 @@ class PlanningParams(Section):
     )  # fmt: skip
     goal_reached: float = parameter(
         0.3, "the goal is reached within this distance, and planning ends", "m", low=0.0, high=10.0
+    )
+    planner_ids: tuple[str, ...] = parameter(
+        ("GridBased",), "names that Nav2's actions may call this planner by; no name is right, too"
     )
 
 
@@ -604,6 +642,143 @@ class SlamParams(Section):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ExplorationParams(Section):
+    """Frontier exploration: where to look next, and when to end."""
+
+    boundary: tuple[float, ...] = parameter(
+        (), "x, y of the corners of the polygon, in the map, that the robot does not leave; empty: "
+        "none", "m", low=-1e8, high=1e8,
+    )  # fmt: skip
+    min_gain: float = parameter(
+        2.0, "area that a place must be expected to show, to be worth the way; without such a "
+        "place the exploration is done", "m^2", low=0.01, high=1000.0,
+    )  # fmt: skip
+    time_limit: float = parameter(
+        0.0, "the exploration ends after this time; 0: no limit", "s", low=0.0, high=1e6
+    )
+    distance_limit: float = parameter(
+        0.0, "the exploration ends after this distance; 0: no limit", "m", low=0.0, high=1e6
+    )
+    return_home: bool = parameter(False, "whether the robot returns to where it started")
+    start_at_once: bool = parameter(
+        False, "whether the exploration starts with the first map and pose, without being asked"
+    )
+    frontiers_only: bool = parameter(
+        False, "whether frontiers are published and no goals: for planners of your own"
+    )
+    sight: float = parameter(
+        5.0, "distance up to which the ground is expected to be seen", "m", low=0.5, high=50.0
+    )
+    blind_radius: float = parameter(
+        1.4, "distance up to which no sensor sees the ground on a turn on the spot", "m",
+        low=0.0, high=10.0,
+    )  # fmt: skip
+    sensor_height: float = parameter(
+        0.6, "height of the sensor that sees the ground, above the ground", "m",
+        low=0.05, high=10.0,
+    )  # fmt: skip
+    frontier_depth: float = parameter(
+        1.5, "unknown cells farther behind a frontier do not count", "m", low=0.1, high=50.0
+    )
+    spacing: float = parameter(
+        0.5, "distance between the places that are compared", "m", low=0.05, high=5.0
+    )
+    distance_weight: float = parameter(
+        0.15, "share of its gain that a place loses per metre of the way to it", "1/m",
+        low=0.0, high=10.0,
+    )  # fmt: skip
+    keep_gain: float = parameter(
+        0.3, "a goal is given up when less than this share of its gain is left", low=0.0, high=1.0
+    )
+    looks: int = parameter(
+        2, "a cell that was looked for so often without being seen is not wanted any more; looks "
+        "from within 3 m count twice", low=1, high=100,
+    )  # fmt: skip
+    stuck_timeout: float = parameter(
+        20.0, "a goal is given up when the robot has not moved towards it for this time", "s",
+        low=1.0, high=3600.0,
+    )  # fmt: skip
+    lost_timeout: float = parameter(
+        120.0, "the exploration ends when the pose has been unknown for this time", "s",
+        low=1.0, high=36000.0,
+    )  # fmt: skip
+    max_deviation: float = parameter(
+        0.5, "standard deviation of the position from which on the robot first returns to a place "
+        "that is well known", "m", low=0.01, high=100.0,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PathFollowerParams(Section):
+    """The controller that follows the plan: regulated pure pursuit."""
+
+    stamped: bool = parameter(False, "whether cmd_vel is a TwistStamped; false: a Twist")
+    max_speed: float = parameter(1.0, "highest speed", "m/s", low=0.01, high=10.0)
+    min_speed: float = parameter(
+        0.1, "lowest speed while the robot drives", "m/s", low=0.001, high=10.0
+    )
+    max_acceleration: float = parameter(
+        0.8, "of speeding up and braking", "m/s^2", low=0.01, high=20.0
+    )
+    max_turn_rate: float = parameter(1.2, "highest turn rate", "rad/s", low=0.01, high=10.0)
+    turn_rate_on_spot: float = parameter(0.7, "turn rate on the spot", "rad/s", low=0.01, high=10.0)
+    max_turn_acceleration: float = parameter(2.5, "of turning", "rad/s^2", low=0.01, high=50.0)
+    min_lookahead: float = parameter(
+        0.4, "least distance to the point that is driven to", "m", low=0.05, high=10.0
+    )
+    max_lookahead: float = parameter(
+        0.8, "largest distance to the point that is driven to", "m", low=0.05, high=10.0
+    )
+    lookahead_time: float = parameter(
+        0.8, "distance to the point that is driven to, per speed", "s", low=0.0, high=10.0
+    )
+    curve_radius: float = parameter(
+        0.7, "in curves with a smaller radius the robot is slower, in proportion", "m",
+        low=0.0, high=10.0,
+    )  # fmt: skip
+    slope_stop: float = parameter(
+        0.9, "slope at which the speed would reach 0, in proportion", "rad", low=0.05, high=10.0
+    )
+    slow_distance: float = parameter(
+        0.3, "the robot is slower where obstacles are nearer to its disc, in proportion", "m",
+        low=0.0, high=10.0,
+    )  # fmt: skip
+    turn_on_spot: float = parameter(
+        0.8, "for a larger angle to the path the robot turns on the spot", "rad",
+        low=0.2, high=3.2,
+    )  # fmt: skip
+    goal_tolerance: float = parameter(
+        0.1, "distance to the end of the path at which it is reached", "m", low=0.01, high=5.0
+    )
+    yaw_tolerance: float = parameter(
+        0.1, "angle to the heading at the end at which it is reached", "rad", low=0.01, high=3.2
+    )
+    max_offset: float = parameter(
+        0.6, "the robot stops when it is farther from the path", "m", low=0.05, high=10.0
+    )
+    check_length: float = parameter(
+        1.0, "so much of the path ahead must be free on the newest map", "m", low=0.0, high=20.0
+    )
+    timeout: float = parameter(
+        0.5, "the robot stops after so long without odometry", "s", low=0.05, high=10.0
+    )
+    map_timeout: float = parameter(
+        5.0, "and after so long without a map, where maps came again and again", "s",
+        low=0.1, high=600.0,
+    )  # fmt: skip
+    localization_timeout: float = parameter(
+        3.0, "and after so long without the status of localization, where there was one", "s",
+        low=0.1, high=600.0,
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        Section.__post_init__(self)
+        for low, high in (("min_speed", "max_speed"), ("min_lookahead", "max_lookahead")):
+            if getattr(self, low) > getattr(self, high):
+                raise InputError(f"parameter path_follower.{low}: is more than {high}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SimulatorParams(Section):
     """The simulator node."""
 
@@ -649,6 +824,7 @@ class Params:
     traversability: TraversabilityParams = field(default_factory=TraversabilityParams)
     planner: PlannerParams = field(default_factory=PlannerParams)
     intake: IntakeParams = field(default_factory=IntakeParams)
+    cloud: CloudParams = field(default_factory=CloudParams)
     odometry: OdometryParams = field(default_factory=OdometryParams)
     mapping: MappingParams = field(default_factory=MappingParams)
     planning: PlanningParams = field(default_factory=PlanningParams)
@@ -657,4 +833,6 @@ class Params:
     localization: LocalizationParams = field(default_factory=LocalizationParams)
     scan_filter: ScanFilterParams = field(default_factory=ScanFilterParams)
     slam: SlamParams = field(default_factory=SlamParams)
+    exploration: ExplorationParams = field(default_factory=ExplorationParams)
+    path_follower: PathFollowerParams = field(default_factory=PathFollowerParams)
     simulator: SimulatorParams = field(default_factory=SimulatorParams)

@@ -22,13 +22,14 @@ Value = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Spec:
-    """Meaning, unit and admitted values of a parameter."""
+    """Meaning, unit and admitted values of a parameter; of a list, the type of its entries."""
 
     meaning: str
     unit: str = ""
     low: float = -math.inf
     high: float = math.inf
     choices: tuple[str, ...] = ()
+    entries: type = float
 
     @property
     def range_text(self) -> str:
@@ -41,7 +42,9 @@ class Spec:
 
 
 def parameter(default: Any, meaning: str, unit: str = "", **limits: Any) -> Any:
-    """A field of a section, with its `Spec`."""
+    """A field of a section, with its `Spec`; an empty list of strings needs ``entries=str``."""
+    if isinstance(default, tuple) and default:
+        limits["entries"] = type(default[0])
     return field(default=default, metadata={"spec": Spec(meaning=meaning, unit=unit, **limits)})
 
 

@@ -16,7 +16,7 @@ from heightmap25d_ros.io.bag import Bag
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.localization import Localizer
 from heightmap25d_ros.pipelines.mapping import Mapping
-from heightmap25d_ros.pipelines.replay import pose_topic, replayed, with_scan_topics
+from heightmap25d_ros.pipelines.replay import pose_topic, replayed, with_sources
 
 
 def map_bag(
@@ -25,6 +25,7 @@ def map_bag(
     *,
     odom_topic: str | None = None,
     scan_topics: Sequence[str] = (),
+    cloud_topics: Sequence[str] = (),
 ) -> HeightMap:
     """Map a bag, as ``heightmap25d map`` does.
 
@@ -37,7 +38,10 @@ def map_bag(
         Of the 3-D poses, see `pose_topic`; by default of ``intake.pose_source``, ``/odom`` or the
         only one.
     scan_topics : sequence of str, optional
-        The lasers; all LaserScan topics by default.
+        The lasers.
+    cloud_topics : sequence of str, optional
+        The 3-D lidars and depth cameras. By default all LaserScan topics are used, or all
+        PointCloud2 topics of a bag that has no lasers.
 
     Raises
     ------
@@ -52,7 +56,7 @@ def map_bag(
     -136
     """
     with Bag(path) as bag:
-        settings, odom_topic = _checked(bag, params, odom_topic, scan_topics)
+        settings, odom_topic = _checked(bag, params, odom_topic, (scan_topics, cloud_topics))
         mapping = Mapping(settings)
         steps = replayed(bag, mapping, odom_topic, settings.intake)
         count = sum(len(step.outcomes) for step in steps)
@@ -69,6 +73,7 @@ def localize_bag(
     initial: ArrayLike | None = None,
     odom_topic: str | None = None,
     scan_topics: Sequence[str] = (),
+    cloud_topics: Sequence[str] = (),
 ) -> list[tuple[int, se3.Matrix]]:
     """Localize the drive of a bag in a map, as ``heightmap25d localize`` does.
 
@@ -85,7 +90,10 @@ def localize_bag(
         Of the 3-D poses, see `pose_topic`; by default of ``intake.pose_source``, ``/odom`` or the
         only one.
     scan_topics : sequence of str, optional
-        The lasers; all LaserScan topics by default.
+        The lasers.
+    cloud_topics : sequence of str, optional
+        The 3-D lidars and depth cameras. By default all LaserScan topics are used, or all
+        PointCloud2 topics of a bag that has no lasers.
 
     Returns
     -------
@@ -105,7 +113,7 @@ def localize_bag(
     >>> trajectory = localize_bag("bags/room_1", long_term)  # doctest: +SKIP
     """
     with Bag(path) as bag:
-        settings, odom_topic = _checked(bag, params, odom_topic, scan_topics)
+        settings, odom_topic = _checked(bag, params, odom_topic, (scan_topics, cloud_topics))
         localizer = Localizer(settings)
         localizer.set_long_term(long_term)
         if initial is not None:
@@ -123,8 +131,11 @@ def localize_bag(
 
 
 def _checked(
-    bag: Bag, params: Params | None, odom_topic: str | None, scan_topics: Sequence[str]
+    bag: Bag,
+    params: Params | None,
+    odom_topic: str | None,
+    sources: tuple[Sequence[str], Sequence[str]],
 ) -> tuple[Params, str]:
-    """The parameters with the scan topics of this bag in them, and its topic of poses."""
-    settings = with_scan_topics(params or Params(), [bag], scan_topics)
+    """The parameters with the lasers and lidars of this bag in them, and its topic of poses."""
+    settings = with_sources(params or Params(), [bag], *sources)
     return settings, pose_topic(bag, odom_topic, settings.intake)[0]

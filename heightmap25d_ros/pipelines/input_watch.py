@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.io.decode import Odometry
+from heightmap25d_ros.mapping.cloud import Cloud
 from heightmap25d_ros.mapping.sensor_model import Scan, no_returns
 from heightmap25d_ros.pipelines.drops import BELOW_RANGE_MIN, BEYOND_RANGE_MAX, Drops
 
@@ -22,6 +23,7 @@ REPEATED = "repeated"
 """Scans that are counted: the same ranges again and again, while the robot moved."""
 
 _REPEATS = 10  # scans in a row with the same ranges that are no accident
+_COMPARED = 1000  # points of a cloud that are compared with those of the one before
 _MOVED = 0.1  # [m, rad] after which no laser measures the same
 
 _RECENT = 100
@@ -74,9 +76,13 @@ class InputWatch:
     scans, used : int
         Scans that came, and those that were used.
     flatness : Flatness
+    clouds : dict of topic to str
+        How its newest cloud was read.
     """
 
     def __init__(self) -> None:
+        self.clouds: dict[str, str] = {}
+        self._new_layouts: list[str] = []
         self.counts: Counter[str] = Counter()
         self.scans = self.used = 0
         self.flatness = Flatness()
@@ -95,18 +101,33 @@ class InputWatch:
         T = self._T_odom_base = odometry.T
         self.flatness.observe(T[2, 3], T[0, 2], T[1, 2])
 
-    def observe_scan(self, topic: str, scan: Scan) -> None:
-        """A scan has come, after the newest pose."""
+    def observe_scan(self, topic: str, scan: Scan | Cloud) -> None:
+        """A scan or a cloud has come, after the newest pose."""
         self.scans += 1
-        sweep = abs(scan.time_increment) * (len(scan.ranges) - 1)
+        stamps = scan.beam_stamps_ns()
+        sweep = float(stamps.max() - stamps.min()) * 1e-9
         self._sweeps[topic].append((scan.stamp_ns, sweep))
         if self._odometry:
             self._offsets[topic].append((scan.stamp_ns - self._odometry[-1]) * 1e-9)
-        self._observe_repeat(topic, scan)
+        if isinstance(scan, Cloud):
+            self._note_layout(topic, scan.told)
+            self._observe_repeat(topic, scan.points[:: 1 + len(scan.points) // _COMPARED])
+        else:
+            self._observe_repeat(topic, scan.ranges)
 
-    def _observe_repeat(self, topic: str, scan: Scan) -> None:
+    def _note_layout(self, topic: str, told: str) -> None:
+        if self.clouds.get(topic) != told:
+            self.clouds[topic] = told
+            self._new_layouts.append(f"{topic}: {told}")
+
+    def new_layouts(self) -> list[str]:
+        """How clouds are read since the last call: a line for each topic where that is new."""
+        new, self._new_layouts = self._new_layouts, []
+        return new
+
+    def _observe_repeat(self, topic: str, ranges: NDArray[np.float32]) -> None:
         """Count a scan whose ranges are those of the ones before, which the robot has left."""
-        ranges, before = scan.ranges, self._repeats.get(topic)
+        before = self._repeats.get(topic)
         is_same = before is not None and np.array_equal(before.ranges, ranges, equal_nan=True)
         if before is None or not is_same or not np.isfinite(ranges).any():
             self._repeats[topic] = _Repeat(ranges, self._T_odom_base)
@@ -117,17 +138,19 @@ class InputWatch:
             self.counts[REPEATED] += 1
             self._examples[REPEATED] = f"{topic}: {before.count} scans in a row are the same"
 
-    def observe_ranges(self, scan: Scan, convention: str, dropped: Drops) -> None:
-        """A scan is used; count the returns that lie out of its range.
+    def observe_ranges(self, scan: Scan | Cloud, convention: str, dropped: Drops) -> None:
+        """A scan is used; count the returns that lie out of its range. A cloud has none.
 
         Parameters
         ----------
-        scan : Scan
+        scan : Scan or Cloud
         convention : str
             Parameter ``sensor.no_return``.
         dropped : Drops
         """
         self.used += 1
+        if isinstance(scan, Cloud):
+            return
         ranges = scan.ranges
         is_return = np.isfinite(ranges) & ~no_returns(scan, convention)
         returns = ranges[is_return]

@@ -26,7 +26,7 @@ from heightmap25d_ros.localization.short_term import ShortTermMaps
 from heightmap25d_ros.localization.surface import Surface, surface_of
 from heightmap25d_ros.localization.tracker import Attempt, Tracker
 from heightmap25d_ros.localization.tracking_state import State
-from heightmap25d_ros.mapping import sensor_model
+from heightmap25d_ros.mapping import cloud, sensor_model
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.input_watch import InputWatch
@@ -41,6 +41,8 @@ _AROUND = 2  # [cells] around a place that tell the height of the ground there
 
 def compile_kernels(params: Params) -> None:
     """Compile, or load from numba's cache, all that the first registration or search needs."""
+    if params.intake.cloud_topics:
+        cloud.compile_kernels()
     surface = Surface(np.zeros((4, 4), np.float32), np.zeros((4, 4), bool), (0.0, 0.0), 1.0)
     count = registration.MIN_POINTS
     points = matching.RegistrationPoints(
@@ -149,6 +151,11 @@ class Localizer:
         return self._params.intake.scan_topics
 
     @property
+    def cloud_topics(self) -> tuple[str, ...]:
+        """The topics that `take_cloud` knows."""
+        return self._params.intake.cloud_topics
+
+    @property
     def watch(self) -> InputWatch:
         """What was noticed about scans and poses."""
         return self._queue.watch
@@ -250,6 +257,10 @@ class Localizer:
         """Take a sensor_msgs/LaserScan of one of ``intake.scan_topics`` in."""
         return self._track(self._queue.take_scan(topic, message))
 
+    def take_cloud(self, topic: str, message: Any) -> list[Attempt]:
+        """Take a sensor_msgs/PointCloud2 of one of ``intake.cloud_topics`` in."""
+        return self._track(self._queue.take_cloud(topic, message))
+
     def take_transforms(self, message: Any, *, is_static: bool) -> list[Attempt]:
         """Take a tf2_msgs/TFMessage of /tf or of /tf_static in."""
         return self._track(self._queue.take_transforms(message, is_static=is_static))
@@ -349,7 +360,7 @@ class Localizer:
         attempts = []
         for reading in readings:
             self.watch.observe_ranges(reading.scan, self._params.sensor.no_return, self.dropped)
-            beams = reading.beams(self._params.sensor, self._params.mapper.lone_return)
+            beams = reading.beams(self._params)
             try:
                 attempt = self._tracker.integrate(
                     beams, reading.T_map_base[-1], reading.scan.stamp_ns

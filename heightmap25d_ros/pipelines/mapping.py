@@ -18,7 +18,7 @@ from heightmap25d_ros.grid.height_map import Area, Geometry, HeightMap
 from heightmap25d_ros.io import decode, layers_file, map_directory
 from heightmap25d_ros.io.decode import Odometry
 from heightmap25d_ros.localization.layers import LayerMap, LocalizationLayers
-from heightmap25d_ros.mapping import sensor_model
+from heightmap25d_ros.mapping import cloud, sensor_model
 from heightmap25d_ros.mapping.mapper import Mapper
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.drops import Drops
@@ -26,7 +26,7 @@ from heightmap25d_ros.pipelines.input_watch import InputWatch
 from heightmap25d_ros.pipelines.scan_queue import Reading, ScanQueue
 from heightmap25d_ros.pipelines.self_check import Finding, findings_of_drive
 from heightmap25d_ros.pipelines.silence import LOCALIZATION, Silence
-from heightmap25d_ros.terrain.obstacle_grid import ObstacleGrid
+from heightmap25d_ros.terrain.obstacle_grid import ObstacleGrid, covering
 from heightmap25d_ros.terrain.traversability import ObstacleMap
 
 GIVEN_UP = 60
@@ -43,6 +43,8 @@ def compile_kernels(params: Params) -> None:
 
     It takes seconds when nothing is cached: too long for a node whose messages queue up.
     """
+    if params.intake.cloud_topics:
+        cloud.compile_kernels()
     scratch = HeightGrid(replace(params.grid, extent=_SCRATCH_EXTENT))
     beam = np.array([[0.0, 0.0, 1.0]])
     Mapper(scratch, params.sensor, params.mapper).integrate(
@@ -61,6 +63,9 @@ def compile_kernels(params: Params) -> None:
 
 _BYTES_OF_CELL = 4  # height and probability
 _BYTES_OF_MAPS = 16  # of a cell, with its occupancy and cost, and what is between
+
+
+_NO_TILES = np.empty((0, 2), np.int64)
 
 
 class Size(NamedTuple):
@@ -166,12 +171,18 @@ class Mapping:
     def _use_params(self) -> None:
         self._mapper = Mapper(self.grid, self._params.sensor, self._params.mapper)
         self._obstacles = ObstacleGrid(self.grid.geometry, self._params.traversability)
+        self._changed = covering(_NO_TILES)
         self.grid.mark_changed()
 
     @property
     def scan_topics(self) -> tuple[str, ...]:
         """The topics that `take_scan` knows."""
         return self._params.intake.scan_topics
+
+    @property
+    def cloud_topics(self) -> tuple[str, ...]:
+        """The topics that `take_cloud` knows."""
+        return self._params.intake.cloud_topics
 
     @property
     def odometry(self) -> Odometry | None:
@@ -181,6 +192,10 @@ class Mapping:
     def take_scan(self, topic: str, message: Any) -> list[Reading]:
         """Take a sensor_msgs/LaserScan of one of ``intake.scan_topics`` in."""
         return self._merge(self._queue.take_scan(topic, message))
+
+    def take_cloud(self, topic: str, message: Any) -> list[Reading]:
+        """Take a sensor_msgs/PointCloud2 of one of ``intake.cloud_topics`` in."""
+        return self._merge(self._queue.take_cloud(topic, message))
 
     def take_odometry(self, message: Any) -> list[Reading]:
         """Take a pose of the robot in, see `robot_pose`."""
@@ -266,7 +281,12 @@ class Mapping:
         InputError
             If what is connected has more cells, or the memory for it is not available.
         """
-        threshold = self._params.mapper.probability_threshold
+        area = self.area(max_cells)
+        obstacles = self.obstacles(area)
+        return self.grid.read(self._params.mapper.probability_threshold, area), obstacles
+
+    def area(self, max_cells: float | None = None) -> Area:
+        """The cells of the grid that `maps` shows; parameters and errors are its."""
         limit = self._params.mapping.max_cells if max_cells is None else max_cells
         area = self.grid.main_area(limit)
         is_cut = area != self.grid.observed_area()
@@ -283,8 +303,22 @@ class Mapping:
                 "is neither published nor saved; ~/clear_map forgets it"
             )
         memory.require(area.rows * area.columns * _BYTES_OF_MAPS, "the map")
-        self._obstacles.update(self.grid, threshold)
-        return self.grid.read(threshold, area), self._obstacles.read(area)
+        return area
+
+    def obstacles(self, area: Area) -> ObstacleMap:
+        """The converted map of an area of the grid."""
+        self._convert()
+        return self._obstacles.read(area)
+
+    def take_changed(self) -> Area:
+        """The smallest area with all cells that were converted since the last call."""
+        self._convert()
+        changed, self._changed = self._changed, covering(_NO_TILES)
+        return changed
+
+    def _convert(self) -> None:
+        tiles = self._obstacles.update(self.grid, self._params.mapper.probability_threshold)
+        self._changed = self._changed.hull(covering(tiles))
 
     def layers(self, geometry: Geometry) -> LayerMap | None:
         """The localization layers of cells of the grid; None without them."""
@@ -353,7 +387,7 @@ class Mapping:
         """Merge a scan whose pose in the map is known."""
         if not self._has_begun:
             self._begin(reading.T_map_base[0])
-        beams = reading.beams(self._params.sensor, self._params.mapper.lone_return)
+        beams = reading.beams(self._params)
         result = self._mapper.integrate(beams)
         if self._layers is not None:
             self._layers.integrate(beams)

@@ -5,14 +5,17 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.exploration.boundary import Boundary
 from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.io import decode
 from heightmap25d_ros.io.decode import Odometry
@@ -20,11 +23,10 @@ from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.map_frames import MapFrames
 from heightmap25d_ros.pipelines.mission import Mission, best_direction
+from heightmap25d_ros.pipelines.path_requests import MapPlanner, PathRequest
 from heightmap25d_ros.pipelines.silence import ODOMETRY, Silence
 from heightmap25d_ros.pipelines.transform_buffer import Missing
-from heightmap25d_ros.planning.graph import transition_graph
-from heightmap25d_ros.planning.plan import Plan, Pose2D, Status
-from heightmap25d_ros.planning.planner import Planner
+from heightmap25d_ros.planning.plan import Plan, Pose2D, Status, pose_2d
 
 MOTION = 0.3
 """How far the robot moves before the direction of its motion is looked at [m]."""
@@ -55,10 +57,10 @@ class Planning:
         self._params = params
         self._frames = MapFrames(params, self.dropped)
         self._silence = Silence([ODOMETRY], params.intake.timeout)
-        self._height_map: HeightMap | None = None
-        self._planner: Planner | None = None
+        self._over_map: MapPlanner | None = None
         self._waiting_goal: Odometry | None = None
         self._mission: Mission | None = None
+        self._boundary = Boundary.of([])
 
     def take_map(self, message: Any) -> Plan | None:
         """Take a heightmap25d_msgs/HeightGrid; a plan where the map asks for another one."""
@@ -68,9 +70,9 @@ class Planning:
 
     def set_map(self, height_map: HeightMap) -> Plan | None:
         """Plan over a map from now on; a plan where it asks for another one."""
-        if self._height_map is not None and _is_same(self._height_map, height_map):
+        if self._over_map is not None and _is_same(self._over_map.height_map, height_map):
             return None
-        self._height_map, self._planner = height_map, None
+        self._use_map(height_map)
         return self._began() if self._waiting_goal is not None else self._checked()
 
     def take_odometry(self, message: Any) -> Plan | None:
@@ -98,6 +100,14 @@ class Planning:
         """Take a geometry_msgs/PoseWithCovarianceStamped: the pose of odom in the map."""
         self._frames.take_correction(message)
 
+    def take_boundary(self, message: Any) -> Plan | None:
+        """Take a geometry_msgs/PolygonStamped, see `set_boundary`; empty: none."""
+        frame = self._params.mapping.map_frame
+        boundary = self.dropped.decoded(
+            "boundary", lambda m: Boundary.of(decode.polygon(m, frame)), message
+        )
+        return None if boundary is None else self.set_boundary(boundary)
+
     def take_transforms(self, message: Any, *, is_static: bool) -> Plan | None:
         """Take a tf2_msgs/TFMessage of /tf or /tf_static; a plan where a goal waited for it."""
         self._frames.take_transforms(message, is_static=is_static)
@@ -112,15 +122,34 @@ class Planning:
         """
         self._waiting_goal = self._mission = None
         try:
-            self._waiting_goal = _decoded(message, "goal_pose")
+            return self.set_goal(_decoded(message, "goal_pose"))
         except _RefusedError as refused:
             return refused.plan
+
+    def set_goal(self, goal: Odometry) -> Plan:
+        """As `take_goal`, with the goal as the pose of a child frame of any name."""
+        self._mission, self._waiting_goal = None, goal
         return self._began() or self._lacking()
+
+    def set_boundary(self, boundary: Boundary) -> Plan | None:
+        """Keep the robot's middle within a polygon; a plan where that asks for another one."""
+        self._boundary = boundary
+        if self._over_map is not None:
+            self._use_map(self._over_map.height_map)
+        return self._checked()
 
     def set_params(self, params: Params) -> Plan | None:
         """Apply new parameters; a plan where they ask for another one."""
-        self._params, self._planner = params, None
+        self._params = params
+        if self._over_map is not None:
+            self._use_map(self._over_map.height_map)
         return self._checked()
+
+    def _use_map(self, height_map: HeightMap) -> None:
+        params = self._params
+        self._over_map = MapPlanner(
+            height_map, params.traversability, params.planner, self._boundary
+        )
 
     def plan_between(self, start: Pose2D, goal: Pose2D, tolerance: float = 0.0) -> Plan:
         """Plan from any pose to any pose, whatever goal is set.
@@ -132,17 +161,12 @@ class Planning:
         tolerance : float [m]
             In place of ``planner.goal_tolerance``, where it is more than 0.
         """
-        if self._height_map is None:
+        if self._over_map is None:
             return self._lacking()
         params = self._params.planner
         if math.isfinite(tolerance) and tolerance > 0.0:
             params = replace(params, goal_tolerance=min(tolerance, 10.0))
-        try:
-            graph = self._planner_over(self._height_map).graph
-        except InputError as error:
-            return Plan(status=Status.UNKNOWN, reason=str(error))
-        planner = Planner(graph, self._params.traversability, params)
-        return planner.plan(start, goal, is_robot_there=False)
+        return PathRequest(over=self._over_map, start=start, goals=(goal,), params=params).plan()
 
     def answer(self, start: Any, goal: Any, tolerance: float) -> Plan:
         """`plan_between` of geometry_msgs/PoseStamped, as of nav_msgs/GetPlan."""
@@ -152,41 +176,98 @@ class Planning:
             return refused.plan
         return self.plan_between(*poses, tolerance)
 
+    def request(self, goals: Sequence[Any], start: Any | None = None) -> PathRequest | Plan:
+        """A path through goals that somebody asks for, or why it cannot be planned.
+
+        Parameters
+        ----------
+        goals : sequence of geometry_msgs/PoseStamped
+            At least one.
+        start : geometry_msgs/PoseStamped, optional
+            By default where the robot is.
+        """
+        if self._over_map is None:
+            return self._lacking()
+        names = [f"goals[{i}]" for i in range(len(goals))] if len(goals) > 1 else ["goal"]
+        try:
+            place = self._robot_now() if start is None else self._in_map(start, "start")
+            through = tuple(map(self._in_map, goals, names))
+        except _RefusedError as refused:
+            return refused.plan
+        return PathRequest(
+            over=self._over_map, start=place, goals=through, is_robot_there=start is None
+        )
+
+    def _robot_now(self) -> Pose2D:
+        """Where the robot is; `_RefusedError` where nobody knows."""
+        robot = self._robot()
+        if robot is None or self._silence.silent:
+            told = self._silence.told or "no odometry has come yet"
+            raise _RefusedError(_without_transform("start", told))
+        return robot
+
+    def first_invalid(self, path: Any) -> int | None:
+        """Index of the first pose of a nav_msgs/Path that the robot cannot drive to along it.
+
+        From the pose that is nearest to the robot on, or from the first one where nobody knows
+        where the robot is. None where the path is valid; 0 where that cannot be known.
+        """
+        poses = self.dropped.decoded("path", self._path_in_map, path)
+        if poses is None or not len(poses) or self._over_map is None:
+            return 0
+        robot = self._robot() or pose_2d(poses[0])
+        nearest = _nearest(poses, robot)
+        try:
+            planner = self._over_map.get()
+        except InputError:
+            return 0
+
+        def is_blocked(count: int) -> bool:
+            return planner.cost_along(poses[nearest : nearest + count], robot) is None
+
+        ahead = len(poses) - nearest
+        if not is_blocked(ahead):
+            return None
+        return nearest + bisect_left(range(1, ahead), True, key=is_blocked)
+
+    def _path_in_map(self, path: Any) -> NDArray[np.float64]:
+        """(N, 4, 4) the poses of a nav_msgs/Path in the map, by the transform at its stamp."""
+        frame = decode.frame_name(path.header.frame_id, "header.frame_id")
+        origin = Odometry(
+            stamp_ns=decode.stamp_ns(path.header), frame_id=frame, child_frame_id=frame, T=np.eye(4)
+        )
+        T = self._frames.in_map(origin)
+        if isinstance(T, Missing):
+            raise InputError(f"header: {self._frames.unconnected(origin, T)}")
+        return np.asarray(T @ decode.path_poses(path))
+
     def _in_map(self, message: Any, field: str) -> Pose2D:
         """A PoseStamped in the map; `_RefusedError` says why there is none."""
         pose = _decoded(message, field)
         T = self._frames.in_map(pose)
         if isinstance(T, Missing):
             raise _RefusedError(_without_transform(field, self._frames.unconnected(pose, T)))
-        return _pose_2d(T)
+        return pose_2d(T)
 
     def _lacking(self) -> Plan:
         """What is waited for, as a plan without a path."""
         goal = self._waiting_goal
         kept = "; the goal is kept" if goal is not None else ""
-        if self._height_map is None:
+        if self._over_map is None:
             return Plan(status=Status.UNKNOWN, reason="no map has come yet" + kept)
         if self._robot() is None or goal is None:
             return Plan(status=Status.TF_ERROR, reason="no odometry has come yet" + kept)
         lacking = self._frames.unconnected(goal, Missing.NOT_YET)
         return _without_transform("goal_pose", lacking + kept)
 
-    def _planner_over(self, height_map: HeightMap) -> Planner:
-        """The planner over the newest map, whose graph is made when it is first needed."""
-        if self._planner is None:
-            terrain, params = self._params.traversability, self._params.planner
-            graph = transition_graph(height_map, terrain, params)
-            self._planner = Planner(graph, terrain, params)
-        return self._planner
-
     def _robot(self) -> Pose2D | None:
         T = self._frames.robot()
-        return None if T is None else _pose_2d(T)
+        return None if T is None else pose_2d(T)
 
     def _began(self) -> Plan | None:
         """Plan to the goal that waits, once there are a map, a pose, and the goal's transform."""
         waiting, robot = self._waiting_goal, self._robot()
-        if waiting is None or robot is None or self._height_map is None:
+        if waiting is None or robot is None or self._over_map is None:
             return None
         T = self._frames.in_map(waiting)
         if T is Missing.NOT_YET:
@@ -194,12 +275,12 @@ class Planning:
         self._waiting_goal = None
         if isinstance(T, Missing):
             return _without_transform("goal_pose", self._frames.unconnected(waiting, T))
-        goal = _pose_2d(T)
-        return self._replaced(goal, robot, self._planned(goal, robot, self._height_map))
+        goal = pose_2d(T)
+        return self._replaced(goal, robot, self._planned(goal, robot, self._over_map))
 
-    def _planned(self, goal: Pose2D, robot: Pose2D, height_map: HeightMap) -> Plan:
+    def _planned(self, goal: Pose2D, robot: Pose2D, over_map: MapPlanner) -> Plan:
         try:
-            planner = self._planner_over(height_map)
+            planner = over_map.get()
         except InputError as error:
             return Plan(status=Status.UNKNOWN, reason=str(error))
         return planner.plan(robot, goal, is_robot_there=True, is_field_wanted=True)
@@ -211,26 +292,26 @@ class Planning:
 
     def _checked(self) -> Plan | None:
         """After a change of the map: another plan where the path is closed or much too long."""
-        mission, robot, height_map = self._mission, self._robot(), self._height_map
-        if mission is None or robot is None or height_map is None:
+        mission, robot, over_map = self._mission, self._robot(), self._over_map
+        if mission is None or robot is None or over_map is None:
             return None
-        plan = self._planned(mission.goal, robot, height_map)
-        if self._is_better(plan, mission.plan, robot):
+        plan = self._planned(mission.goal, robot, over_map)
+        if self._is_better(plan, mission.plan, robot, over_map):
             return self._replaced(mission.goal, robot, plan)
         if plan.cost_to_go is not None:  # the path stays; the best direction is that of this map
             kept = replace(mission.plan, graph=plan.graph, cost_to_go=plan.cost_to_go)
             self._mission = replace(mission, plan=kept)
         return None
 
-    def _is_better(self, plan: Plan, followed: Plan, robot: Pose2D) -> bool:
+    def _is_better(self, plan: Plan, followed: Plan, robot: Pose2D, over_map: MapPlanner) -> bool:
         """Whether a plan over the newest map takes the place of the one that is followed."""
         if not followed.found:
             return plan.status is not followed.status
-        if self._planner is None:  # the map cannot be planned over any more
+        try:
+            planner = over_map.get()
+        except InputError:  # the map cannot be planned over any more
             return True
-        away = np.hypot(followed.poses[:, 0, 3] - robot.x, followed.poses[:, 1, 3] - robot.y)
-        ahead = followed.poses[int(away.argmin()) :]
-        cost = self._planner.cost_along(ahead, robot)
+        cost = planner.cost_along(followed.poses[_nearest(followed.poses, robot) :], robot)
         if cost is None:
             return True
         share = 1.0 - self._params.planning.replan_gain
@@ -241,8 +322,8 @@ class Planning:
 
         Where there was no path, the robot may have come to where there is one.
         """
-        mission, robot, height_map = self._mission, self._robot(), self._height_map
-        if mission is None or robot is None or height_map is None:
+        mission, robot, over_map = self._mission, self._robot(), self._over_map
+        if mission is None or robot is None or over_map is None:
             return None
         away = math.hypot(robot.x - mission.goal.x, robot.y - mission.goal.y)
         if mission.plan.found and away <= self._params.planning.goal_reached:
@@ -254,7 +335,7 @@ class Planning:
         if mission.plan.found and self._is_on_course(mission, moved):
             self._mission = replace(mission, moved_from=mission.moved_from + moved)
             return None
-        plan = self._replaced(mission.goal, robot, self._planned(mission.goal, robot, height_map))
+        plan = self._replaced(mission.goal, robot, self._planned(mission.goal, robot, over_map))
         is_news = mission.plan.found or plan.status is not mission.plan.status
         return plan if is_news else None
 
@@ -265,6 +346,11 @@ class Planning:
             return False
         off = math.remainder(math.atan2(*moved[::-1]) - best, 2.0 * math.pi)
         return abs(off) <= self._params.planning.replan_angle
+
+
+def _nearest(poses: NDArray[np.float64], robot: Pose2D) -> int:
+    """Index of the pose (N, 4, 4) of a path that is nearest to the robot."""
+    return int(np.hypot(poses[:, 0, 3] - robot.x, poses[:, 1, 3] - robot.y).argmin())
 
 
 def _without_transform(field: str, reason: str) -> Plan:
@@ -286,10 +372,6 @@ class _RefusedError(Exception):
     def __init__(self, plan: Plan) -> None:
         super().__init__(plan.reason)
         self.plan = plan
-
-
-def _pose_2d(T: se3.Matrix) -> Pose2D:
-    return Pose2D(x=float(T[0, 3]), y=float(T[1, 3]), yaw=math.atan2(T[1, 0], T[0, 0]))
 
 
 def _is_same(before: HeightMap, after: HeightMap) -> bool:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Generic, Protocol, TypeVar
 
 from tqdm import tqdm
@@ -14,6 +14,7 @@ from tqdm import tqdm
 from heightmap25d_ros.io.bag import (
     LASER_SCAN,
     ODOMETRY,
+    POINT_CLOUD,
     POSE,
     POSE_WITH_COVARIANCE,
     TF_MESSAGE,
@@ -45,8 +46,15 @@ class Pipeline(Protocol[_Outcome_co]):
     def scan_topics(self) -> tuple[str, ...]:
         """The topics that `take_scan` knows."""
 
+    @property
+    def cloud_topics(self) -> tuple[str, ...]:
+        """The topics that `take_cloud` knows."""
+
     def take_scan(self, topic: str, message: Any) -> Sequence[_Outcome_co]:
         """Take a LaserScan."""
+
+    def take_cloud(self, topic: str, message: Any) -> Sequence[_Outcome_co]:
+        """Take a PointCloud2."""
 
     def take_odometry(self, message: Any) -> Sequence[_Outcome_co]:
         """Take an Odometry, a pose, or a decoded one."""
@@ -71,6 +79,8 @@ def feed(
         return pipeline.take_transforms(message, is_static=topic == STATIC_TRANSFORMS)
     if topic in pipeline.scan_topics:
         return pipeline.take_scan(topic, message)
+    if topic in pipeline.cloud_topics:
+        return pipeline.take_cloud(topic, message)
     return ()
 
 
@@ -93,18 +103,25 @@ class Step(Generic[_Outcome]):
     outcomes: Sequence[_Outcome]
 
 
-def with_scan_topics(
-    settings: Params, bags: Sequence[Bag], chosen: Sequence[str] = (), *, is_named: bool = False
+def with_sources(
+    settings: Params,
+    bags: Sequence[Bag],
+    scan_topics: Sequence[str] = (),
+    cloud_topics: Sequence[str] = (),
+    *,
+    is_named: bool = False,
 ) -> Params:
-    """The parameters with scan topics of these bags in them.
+    """The parameters with lasers and 3-D lidars of these bags in them.
 
-    The chosen ones, those that the parameters name, or, where they name none, all of the bags.
+    The chosen ones, or those that the parameters name. Where they name none, all LaserScan topics
+    of the bags, or, where there is no such topic, all PointCloud2 topics.
 
     Parameters
     ----------
     settings : Params
     bags : sequence of Bag
-    chosen : sequence of str, optional
+    scan_topics, cloud_topics : sequence of str, optional
+        The chosen ones.
     is_named : bool
         Whether the parameters name them, also where it is the default that they name.
 
@@ -114,14 +131,36 @@ def with_scan_topics(
         If a bag lacks one that was named, or has none at all.
     """
     intake = settings.intake
-    is_named = is_named or bool(intake.mounts) or intake.scan_topics != IntakeParams().scan_topics
-    if not chosen and is_named:
-        chosen = [f"/{topic.lstrip('/')}" for topic in intake.scan_topics]
-    topics = chosen or sorted({topic for bag in bags for topic in bag.scan_topics()})
-    for bag in bags:
-        for topic in chosen or bag.scan_topics():
-            bag.require(topic, LASER_SCAN)
-    return with_values(settings, {"intake.scan_topics": list(topics)})
+    is_named = is_named or intake != replace(
+        intake,
+        scan_topics=IntakeParams().scan_topics,
+        mounts=(),
+        cloud_topics=(),
+        cloud_mounts=(),
+    )
+    if not (scan_topics or cloud_topics) and is_named:
+        scan_topics = [f"/{topic.lstrip('/')}" for topic in intake.scan_topics]
+        cloud_topics = [f"/{topic.lstrip('/')}" for topic in intake.cloud_topics]
+    if scan_topics or cloud_topics:
+        for bag in bags:
+            for topic in scan_topics:
+                bag.require(topic, LASER_SCAN)
+            for topic in cloud_topics:
+                bag.require(topic, POINT_CLOUD)
+    else:
+        scan_topics, cloud_topics = _all_sources(bags)
+    values = {"intake.scan_topics": scan_topics, "intake.cloud_topics": cloud_topics}
+    return with_values(settings, {name: list(topics) for name, topics in values.items()})
+
+
+def _all_sources(bags: Sequence[Bag]) -> tuple[list[str], list[str]]:
+    """The LaserScan topics of all bags, or else their PointCloud2 topics; each bag has some."""
+    for message_type in (LASER_SCAN, POINT_CLOUD):
+        of_bags = [bag.topics_of(message_type) for bag in bags]
+        if all(of_bags):
+            topics = sorted(set().union(*of_bags))
+            return (topics, []) if message_type == LASER_SCAN else ([], topics)
+    return sorted({topic for bag in bags for topic in bag.scan_topics()}), []
 
 
 def pose_topic(bag: Bag, chosen: str | None, intake: IntakeParams) -> tuple[str, str]:
@@ -176,12 +215,14 @@ def replayed(
     types = {odom_topic: pose_topic(bag, odom_topic, intake or IntakeParams())[1]}
     poses = TransformPoses(intake or IntakeParams()) if types[odom_topic] == TF_MESSAGE else None
     types |= dict.fromkeys(pipeline.scan_topics, LASER_SCAN)
+    types |= dict.fromkeys(pipeline.cloud_topics, POINT_CLOUD)
     types |= dict.fromkeys(transforms, TF_MESSAGE)
     static = bag.events([STATIC_TRANSFORMS], types) if STATIC_TRANSFORMS in transforms else ()
     # The first one of a frame comes last: it holds until another one comes in its turn.
     for event in reversed(list(static)):
         _fed(pipeline, event, odom_topic, poses)
-    wanted = dict.fromkeys([*pipeline.scan_topics, odom_topic, *transforms])
+    sources = *pipeline.scan_topics, *pipeline.cloud_topics
+    wanted = dict.fromkeys([*sources, odom_topic, *transforms])
     topics = [topic for topic in wanted if topic in bag.topics]
     first_ns, stop_ns = stretch or (bag.start_ns, bag.end_ns + 1)
     is_whole = first_ns <= bag.start_ns and stop_ns > bag.end_ns

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Scans wait in a queue until their poses are known, and leave it in order of time.
+"""Scans and clouds wait in a queue until their poses are known, and leave it in order of time.
 
 What comes out depends on the stamps of the messages, never on wall time, and not on how the
 topics interleave on their way here (as long as nothing comes later than ``wait_limit``): the
@@ -18,11 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heightmap25d_ros import se3
-from heightmap25d_ros.io import decode
+from heightmap25d_ros.io import decode, point_cloud
 from heightmap25d_ros.io.decode import Odometry, Transform
 from heightmap25d_ros.mapping import sensor_model
+from heightmap25d_ros.mapping.cloud import Cloud, cloud_beams
 from heightmap25d_ros.mapping.sensor_model import Beams, Scan
-from heightmap25d_ros.params.sections import IntakeParams, OdometryParams, SensorParams
+from heightmap25d_ros.params.sections import IntakeParams, OdometryParams, Params
 from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.input_watch import InputWatch
 from heightmap25d_ros.pipelines.map_correction import MapCorrection
@@ -38,34 +39,35 @@ HISTORY = 30.0  # [s] beyond ``wait_limit`` that poses are kept, for lasers whos
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """A scan with its poses.
+    """A scan or a cloud with its poses.
 
     Attributes
     ----------
     topic : str
-    scan : Scan
+    scan : Scan or Cloud
     T_map_base, T_base_sensor : (N, 4, 4) or (1, 4, 4) float64
-        At each beam's own time, or once where it is the same for all beams.
+        At each of its ``beam_stamps_ns``, or once where it is the same for all beams.
     """
 
     topic: str
-    scan: Scan
+    scan: Scan | Cloud
     T_map_base: se3.Matrix
     T_base_sensor: se3.Matrix
 
-    def beams(self, sensor: SensorParams, lone_return: float = 0.0) -> Beams:
-        """Its beams in the map, see `sensor_model.beams`."""
-        return sensor_model.beams(
-            self.scan, self.T_map_base, self.T_base_sensor, sensor, lone_return
-        )
+    def beams(self, params: Params) -> Beams:
+        """Its beams in the map, see `sensor_model.beams` and `cloud_beams`."""
+        poses, lone_return = (self.T_map_base, self.T_base_sensor), params.mapper.lone_return
+        if isinstance(self.scan, Cloud):
+            return cloud_beams(self.scan, *poses, params.sensor, params.cloud, lone_return)
+        return sensor_model.beams(self.scan, *poses, params.sensor, lone_return)
 
 
 @dataclass(frozen=True, slots=True)
 class _Waiting:
-    """A scan in the queue, which is sorted by (stamp, topic)."""
+    """A scan or a cloud in the queue, which is sorted by (stamp, topic)."""
 
     topic: str
-    scan: Scan
+    scan: Scan | Cloud
     beam_stamps_ns: NDArray[np.int64]
     last_ns: int
 
@@ -136,10 +138,13 @@ class ScanQueue:
         self._fixed_mounts: dict[str, se3.Matrix] = {}
         if params.mounts:
             mounts = se3.from_xyz_rpy(np.reshape(params.mounts, (-1, 6)))
-            self._fixed_mounts = dict(zip(params.scan_topics, mounts[:, None], strict=True))
+            self._fixed_mounts |= dict(zip(params.scan_topics, mounts[:, None], strict=True))
+        if params.cloud_mounts:
+            mounts = se3.from_xyz_rpy(np.reshape(params.cloud_mounts, (-1, 6)))
+            self._fixed_mounts |= dict(zip(params.cloud_topics, mounts[:, None], strict=True))
         self.gate = OdometryGate(odometry or OdometryParams(), self.dropped)
         self.watch = InputWatch()
-        self.silence = Silence([ODOMETRY, *params.scan_topics], params.timeout)
+        self.silence = Silence([ODOMETRY, *params.source_topics], params.timeout)
         self.correction = MapCorrection(self.gate, is_bridging=is_bridging)
         self._odom_frame = ""
         self._odom_stamp_ns = -1
@@ -152,6 +157,11 @@ class ScanQueue:
         """Take a sensor_msgs/LaserScan of one of ``scan_topics``."""
         scan = self.dropped.decoded("scan", decode.scan, message)
         return [] if scan is None else self.add_scan(topic, scan)
+
+    def take_cloud(self, topic: str, message: Any) -> list[Reading]:
+        """Take a sensor_msgs/PointCloud2 of one of ``cloud_topics``."""
+        cloud = self.dropped.decoded("cloud", point_cloud.cloud, message)
+        return [] if cloud is None else self.add_scan(topic, cloud)
 
     def take_odometry(self, message: Any) -> list[Reading]:
         """Take a pose of the robot, in a message or decoded, see `robot_pose`."""
@@ -167,10 +177,10 @@ class ScanQueue:
         """Pose (4, 4) of the odometry's frame of a stamp in the map, for scans released later."""
         self.correction.set(T_map_odom, stamp_ns)
 
-    def add_scan(self, topic: str, scan: Scan) -> list[Reading]:
-        """Add a scan of one of ``scan_topics``."""
-        if topic not in self._params.scan_topics:
-            raise ValueError(f"{topic} is not one of scan_topics {self._params.scan_topics}")
+    def add_scan(self, topic: str, scan: Scan | Cloud) -> list[Reading]:
+        """Add a scan of one of ``scan_topics``, or a cloud of one of ``cloud_topics``."""
+        if topic not in self._params.source_topics:
+            raise ValueError(f"{topic} is not one of the topics {self._params.source_topics}")
         self.watch.observe_scan(topic, scan)
         newest = self._newest_ns.get(topic, scan.stamp_ns)
         if scan.stamp_ns < newest - JUMP_BACK_NS:
@@ -182,9 +192,9 @@ class ScanQueue:
         waiting = _Waiting(topic, scan, stamps, int(stamps.max()))
         released = self._released_ns.get(topic, -1)
         if scan.stamp_ns < released:
-            self.dropped.record("scan: out of order")
+            self.dropped.record(f"{scan.KIND}: out of order")
         elif scan.stamp_ns == released or waiting.order in (w.order for w in self._waiting):
-            self.dropped.record("scan: stamp seen before")
+            self.dropped.record(f"{scan.KIND}: stamp seen before")
         else:
             insort(self._waiting, waiting, key=lambda w: w.order)
             self.silence.hear(topic)
@@ -200,7 +210,7 @@ class ScanQueue:
             self._start_over(odometry)
         for admitted in self.gate.admit(odometry):
             stamp, frame = admitted.stamp_ns, admitted.frame_id
-            for topic in self._params.scan_topics:
+            for topic in self._params.source_topics:
                 self._newest_ns.setdefault(topic, stamp - 1)
             self.odometry, self._odom_frame, self._odom_stamp_ns = admitted, frame, stamp
             self.watch.observe_odometry(admitted)
@@ -238,7 +248,7 @@ class ScanQueue:
         self.dropped.record("poses: clock jumped back")
         has_stayed = before is not None and self.gate.is_continuous(before, odometry)
         self.correction.restart(stamp_ns if has_stayed else None)
-        self._forget_waiting(self._params.scan_topics, after_ns=stamp_ns)
+        self._forget_waiting(self._params.source_topics, after_ns=stamp_ns)
         self._transforms.forget_after(stamp_ns + JUMP_BACK_NS)
         self._newest_ns = {topic: min(ns, stamp_ns - 1) for topic, ns in self._newest_ns.items()}
         self._released_ns.clear()
@@ -248,7 +258,7 @@ class ScanQueue:
         kept: list[_Waiting] = []
         for waiting in self._waiting:
             if waiting.topic in topics and waiting.scan.stamp_ns > after_ns + JUMP_BACK_NS:
-                self.dropped.record("scan: clock jumped back")
+                self.dropped.record(f"{waiting.scan.KIND}: clock jumped back")
             else:
                 kept.append(waiting)
         self._waiting = kept
@@ -270,7 +280,7 @@ class ScanQueue:
                 self._released_ns[waiting.topic] = waiting.scan.stamp_ns
                 readings.append(outcome)
             elif is_late or self._is_final(outcome):
-                self._give_up(outcome)
+                self._give_up(waiting, outcome)
             else:
                 kept.append(waiting)
         self._waiting = kept
@@ -313,9 +323,10 @@ class ScanQueue:
             return failure.frame in self._given_up
         return failure.missing is not Missing.NOT_YET
 
-    def _give_up(self, failure: _LookupFailure) -> None:
+    def _give_up(self, waiting: _Waiting, failure: _LookupFailure) -> None:
         """Count a scan as dropped; a mount that was waited for in vain is not waited for again."""
         example = f"frame {failure.frame!r}" if failure.frame else ""
-        self.dropped.record(f"scan: {failure.missing.value} {failure.of}", example)
+        reason = f"{waiting.scan.KIND}: {failure.missing.value} {failure.of}"
+        self.dropped.record(reason, example)
         if failure.missing is Missing.UNCONNECTED and len(self._given_up) < _MOST_FRAMES:
             self._given_up.add(failure.frame)

@@ -42,6 +42,9 @@ LEAST_USED = 0.5
 ENOUGH = 20
 """Scans or returns from which on shares are judged."""
 
+_SOURCES = ("scan: ", "cloud: ")  # with which reasons of what was not used begin
+_REFUSED = tuple(f"{source}bad " for source in _SOURCES)
+
 PATIENCE = 5
 """Checks in a row without a problem after which it is over."""
 
@@ -144,7 +147,7 @@ def with_watch(observed: Observed, watch: InputWatch, dropped: Drops) -> Observe
 
 def findings_of_drive(watch: InputWatch, dropped: Drops) -> list[Finding]:
     """What was wrong with the messages of a whole drive, in the words of the self-check."""
-    refused = sum(n for reason, n in dropped.items() if reason.startswith("scan: bad "))
+    refused = sum(n for reason, n in dropped.items() if reason.startswith(_REFUSED))
     observed = Observed(
         scans=watch.scans + refused, dropped=Counter(dropped), flat_poses=watch.flatness.poses
     )
@@ -285,5 +288,5 @@ def _of_input(entry: Input) -> Iterator[Finding]:
 
 
 def _is_without(reason: str, words: str) -> bool:
-    """Whether a reason of `intake.ScanIntake` says that a scan had no such pose."""
-    return reason.startswith("scan: ") and words in reason
+    """Whether a reason of `ScanQueue` says so of a scan or a cloud."""
+    return reason.startswith(_SOURCES) and words in reason

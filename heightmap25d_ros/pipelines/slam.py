@@ -42,6 +42,11 @@ class _Drive:
         return self._params.intake.scan_topics
 
     @property
+    def cloud_topics(self) -> tuple[str, ...]:
+        """The topics that `take_cloud` knows."""
+        return self._params.intake.cloud_topics
+
+    @property
     def watch(self) -> InputWatch:
         """What was noticed about scans and poses."""
         return self._queue.watch
@@ -53,6 +58,10 @@ class _Drive:
     def take_scan(self, topic: str, message: Any) -> list[Reading]:
         """Take a sensor_msgs/LaserScan of one of ``intake.scan_topics`` in."""
         return self._use(self._queue.take_scan(topic, message))
+
+    def take_cloud(self, topic: str, message: Any) -> list[Reading]:
+        """Take a sensor_msgs/PointCloud2 of one of ``intake.cloud_topics`` in."""
+        return self._use(self._queue.take_cloud(topic, message))
 
     def take_odometry(self, message: Any) -> list[Reading]:
         """Take a pose of the robot in, see `robot_pose`."""
@@ -103,7 +112,7 @@ class Slam(_Drive):
 
     def _integrate(self, reading: Reading) -> None:
         self.watch.observe_ranges(reading.scan, self._params.sensor.no_return, self.dropped)
-        beams = reading.beams(self._params.sensor, self._params.mapper.lone_return)
+        beams = reading.beams(self._params)
         self.tracker.integrate(beams, reading.T_map_base[-1], reading.scan.stamp_ns)
 
 
@@ -151,7 +160,7 @@ class CorrectedMapping(_Drive):
         pose = next(self._given)
         assert pose.stamp_ns == reading.scan.stamp_ns
         if self._pass is not None:
-            beams = reading.beams(self._params.sensor, self._params.mapper.lone_return)
+            beams = reading.beams(self._params)
             pose = self._pass.pose(beams, reading.T_map_base[-1], pose)
         placed = replace(reading, T_map_base=np.asarray(pose.T_map_odom @ reading.T_map_base))
         if pose.is_sure:

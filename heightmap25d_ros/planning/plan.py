@@ -16,6 +16,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from heightmap25d_ros import se3
 from heightmap25d_ros.grid.height_map import Geometry
 from heightmap25d_ros.planning.graph import TransitionGraph
 from heightmap25d_ros.planning.search import CostToGo
@@ -56,6 +57,11 @@ def as_pose(name: str, place: Pose2D | Sequence[float]) -> Pose2D:
     if len(numbers) not in (2, 3) or not all(math.isfinite(number) for number in numbers):
         raise ValueError(f"{name}: {place} is not x, y or x, y, yaw")
     return Pose2D(*numbers)
+
+
+def pose_2d(T: se3.Matrix) -> Pose2D:
+    """A pose (4, 4) seen from above."""
+    return Pose2D(x=float(T[0, 3]), y=float(T[1, 3]), yaw=math.atan2(T[1, 0], T[0, 0]))
 
 
 def in_cells(pose: Pose2D, geometry: Geometry) -> tuple[float, float, float]:

@@ -34,8 +34,7 @@ from heightmap25d_ros.simulation.worlds import World
 STEP = 0.005
 """Of time [s]."""
 
-_ODOMETRY_STEPS = 4
-_HISTORY = 1 + round(3 * SCAN_DURATION / STEP)
+_ODOMETRY_PERIOD = 0.02
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,6 +66,8 @@ class Simulation:
         Of the noise.
     noise : Noise
     mounted : sequence of Laser
+    step : float [s]
+        Of time, a whole part of 0.02 s.
 
     Attributes
     ----------
@@ -83,7 +84,10 @@ class Simulation:
         seed: int | Sequence[int],
         noise: Noise | None = None,
         mounted: Sequence[Laser] = (lasers.LEVEL, lasers.DOWN),
+        step: float = STEP,
     ) -> None:
+        self._step = step
+        self._odometry_steps = round(_ODOMETRY_PERIOD / step)
         self._noise = noise or Noise()
         self._scene = world.scene()
         self._lasers = tuple(mounted)
@@ -94,18 +98,18 @@ class Simulation:
         self._count = 0
         self.robot = Robot(self._scene)
         self.scans: list[tuple[Laser, TakenScan]] = []
-        self._poses = deque([self.robot.T], maxlen=_HISTORY)
+        self._poses = deque([self.robot.T], maxlen=1 + round(3 * SCAN_DURATION / step))
         self._T_at_odometry = self.robot.T
 
     @property
     def seconds(self) -> float:
         """Time since the start."""
-        return self._count * STEP
+        return self._count * self._step
 
     @property
     def is_at_pose(self) -> bool:
         """Whether the last step produced odometry."""
-        return self._count % _ODOMETRY_STEPS == 0
+        return self._count % self._odometry_steps == 0
 
     def begin(self) -> list[TimedMessage]:
         """The messages before the first step: mounts and first pose."""
@@ -120,12 +124,12 @@ class Simulation:
     def step(self, speed: float, turn_rate: float) -> list[TimedMessage]:
         """Advance by a step under a command [m/s], [rad/s]; returns its messages in order."""
         self._scene.set_time(self.seconds)
-        self.robot.move(speed, turn_rate, STEP)
+        self.robot.move(speed, turn_rate, self._step)
         self._count += 1
         self._poses.append(self.robot.T)
         events = self._take_scans()
         if self.is_at_pose:
-            elapsed = STEP * _ODOMETRY_STEPS
+            elapsed = self._step * self._odometry_steps
             self._odometer.advance(self._T_at_odometry, self.robot.T, elapsed)
             self._T_at_odometry = self.robot.T
             events += self._pose_events()
@@ -174,6 +178,6 @@ class Simulation:
     def _poses_at(self, seconds: Array) -> se3.Matrix:
         """True poses (N, 4, 4) at times within the history."""
         first = self._count - len(self._poses) + 1
-        stamps = np.rint((first + np.arange(len(self._poses))) * STEP * 1e9).astype(np.int64)
+        stamps = np.rint((first + np.arange(len(self._poses))) * self._step * 1e9).astype(np.int64)
         query = np.rint(seconds * 1e9).astype(np.int64)
         return se3.interpolate(stamps, np.array(self._poses), query)

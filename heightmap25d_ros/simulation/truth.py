@@ -61,7 +61,7 @@ class Surface:
         directory.mkdir(parents=True)
         self._merge_what_stayed(seconds)
         seen = np.where(np.isfinite(self._seen), self._seen, np.nan)
-        top, ground, clearance = self._heights(seconds)
+        top, ground, clearance = self.heights(seconds)
         top = np.fmax(top, seen)
         np.savez_compressed(
             directory / "surface.npz",
@@ -116,7 +116,7 @@ class Surface:
         middle = np.array(self.origin) + RESOLUTION * (cells[:, ::-1] + 0.5)
         return np.column_stack([middle, ground[cells[:, 0], cells[:, 1]]])
 
-    def _heights(self, seconds: float) -> tuple[Array, Array, Array]:
+    def heights(self, seconds: float) -> tuple[Array, Array, Array]:
         """Top, ground below overhead solids, and headroom above that ground [m].
 
         The highest of 8 x 8 points of each cell, the outermost 1 mm within its border: exact for

@@ -94,6 +94,14 @@ class ObstacleGrid:
         return np.column_stack(np.unravel_index(tiles, shape))
 
 
+def covering(tiles: NDArray[np.int64]) -> Area:
+    """The smallest area that contains all of some tiles (K, 2); empty without tiles."""
+    if not len(tiles):
+        return Area(0, 0, 0, 0)
+    first, sides = tiles.min(axis=0), np.ptp(tiles, axis=0) + 1
+    return Area(*(int(number) * TILE for number in (*first, *sides)))
+
+
 def _areas(tiles: NDArray[np.int64]) -> Iterator[Area]:
     """Areas that cover the tiles: the smallest rectangle in every square of `BLOCK` tiles."""
     blocks = tiles // BLOCK
@@ -101,5 +109,4 @@ def _areas(tiles: NDArray[np.int64]) -> Iterator[Area]:
     new = np.diff(blocks[order], axis=0).any(axis=1)
     for group in np.split(tiles[order], np.flatnonzero(new) + 1):
         if len(group):
-            first, sides = group.min(axis=0), np.ptp(group, axis=0) + 1
-            yield Area(*(int(number) * TILE for number in (*first, *sides)))
+            yield covering(group)

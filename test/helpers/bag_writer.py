@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import array
 import importlib
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -63,6 +64,48 @@ def laser_scan(
         ranges=ranges,
         intensities=np.zeros(0, np.float32),
         **(fields | changes),
+    )
+
+
+DATATYPES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
+
+
+def point_cloud(
+    stamp_ns: int,
+    records: np.ndarray,
+    frame_id: str = "lidar",
+    row_padding: int = 0,
+    type_of: TypeOf = rosbags_type,
+    **changes: Any,
+) -> Any:
+    """Of a structured array (N,) or (height, width); its byte order is the message's."""
+    records = np.atleast_2d(records)
+    height, width = records.shape
+    kinds = {name: kind for name, (kind, *_) in records.dtype.fields.items()}
+    fields = [
+        type_of("sensor_msgs/msg/PointField")(
+            name=name,
+            offset=offset,
+            datatype=DATATYPES[kinds[name].str[1:]],
+            count=1,
+        )
+        for name, (_, offset, *_) in records.dtype.fields.items()
+    ]
+    row = records.dtype.itemsize * width
+    data = np.zeros((height, row + row_padding), np.uint8)
+    data[:, :row] = np.frombuffer(records.tobytes(), np.uint8).reshape(height, row)
+    values = {
+        "height": height,
+        "width": width,
+        "fields": fields,
+        "is_bigendian": kinds["x"].str[0] == ">" if "x" in kinds else False,
+        "point_step": records.dtype.itemsize,
+        "row_step": row + row_padding,
+        "data": array.array("B", data.tobytes()) if type_of is rclpy_type else data.ravel(),
+        "is_dense": True,
+    }
+    return type_of("sensor_msgs/msg/PointCloud2")(
+        header=header(stamp_ns, frame_id, type_of), **(values | changes)
     )
 
 

@@ -478,21 +478,29 @@ def test_commands_and_paths_of_others_are_finite_and_not_endless():
         return SimpleNamespace(linear=SimpleNamespace(x=speed), angular=SimpleNamespace(z=turn))
 
     def path(*places):
-        positions = (SimpleNamespace(x=x, y=y) for x, y in places)
+        level = SimpleNamespace(x=0.0, y=0.0, z=1.0, w=0.0)  # to the west
+        positions = (SimpleNamespace(x=x, y=y, z=0.0) for x, y in places)
+        poses = [SimpleNamespace(position=p, orientation=level) for p in positions]
         return SimpleNamespace(
-            poses=[SimpleNamespace(pose=SimpleNamespace(position=p)) for p in positions]
+            header=header(0, "map"), poses=[SimpleNamespace(pose=pose) for pose in poses]
         )
 
+    def decoded(message):
+        return decode.path_in(message, "map")
+
     assert decode.twist(command(1, -0.5)) == (1.0, -0.5)
-    assert decode.path(path()).shape == (0, 2)
-    assert decode.path(path((0.0, 1.0), (2.0, 3.0))).tolist() == [[0.0, 1.0], [2.0, 3.0]]
+    assert decoded(path()).shape == (0, 3)
+    there = [[0.0, 1.0, np.pi], [2.0, 3.0, np.pi]]
+    np.testing.assert_allclose(decoded(path((0.0, 1.0), (2.0, 3.0))), there)
+    with pytest.raises(InputError, match="is 'map', not 'odom'"):
+        decode.path_in(path((0.0, 1.0)), "odom")
     for bad in (NAN, INF, -INF):
-        for decoded, message in (
+        for check, message in (
             (decode.twist, command(bad, 0.0)), (decode.twist, command(0.0, bad)),
-            (decode.path, path((0.0, bad))), (decode.path, path((0.0, 0.0), (bad, 0.0))),
+            (decoded, path((0.0, bad))), (decoded, path((0.0, 0.0), (bad, 0.0))),
         ):  # fmt: skip
             with pytest.raises(InputError):
-                decoded(message)
+                check(message)
     for far in (2e5, 1e9, 1e300):
-        with pytest.raises(InputError, match="poses: "):
-            decode.path(path((0.0, 0.0), (far, 0.0)))
+        with pytest.raises(InputError, match="poses"):
+            decoded(path((0.0, 0.0), (far, 0.0)))

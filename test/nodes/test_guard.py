@@ -116,6 +116,6 @@ def test_a_type_of_parameters_that_does_not_exist_is_refused(tmp_path):
 def test_nodes_without_a_life_cycle_report_as_well():
     client, statuses = Client("/plain"), []
     client.node.create_subscription(DiagnosticArray, "/diagnostics", statuses.append, 10)
-    with node_process("driver", namespace="/plain"):
-        client.wait(lambda: any(s.name == "/plain/driver" for m in statuses for s in m.status))
+    with node_process("simulator", namespace="/plain"):
+        client.wait(lambda: any(s.name == "/plain/simulator" for m in statuses for s in m.status))
     client.close()

@@ -11,7 +11,7 @@ import yaml
 from bag_writer import odometry, rclpy_type
 from geometry_msgs.msg import PoseArray, PoseStamped, TransformStamped
 from grid_messages import grid
-from node_client import LATCHED, Client, node_process
+from node_client import LATCHED, PATIENCE, Client, node_process
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from repository import ROOT
 from sensor_msgs.msg import PointCloud2
@@ -19,7 +19,9 @@ from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker
 
 CONFIG = ROOT / "rviz" / "heightmap25d.rviz"
-NODES = ("mapping", "planning", "localization", "markers", "simulator", "driver")
+NODES = (
+    "mapping", "planning", "localization", "exploration", "path_follower", "markers", "simulator",
+)  # fmt: skip
 TYPES = {
     "Map": "nav_msgs/msg/OccupancyGrid",
     "Marker": "visualization_msgs/msg/Marker",
@@ -33,10 +35,15 @@ TOOLS = {
     "SetGoal": "geometry_msgs/msg/PoseStamped",
     "SetInitialPose": "geometry_msgs/msg/PoseWithCovarianceStamped",
 }
+# A laser and a lidar.
+BOTH = "-p", "intake.scan_topics:=[scan]", "-p", "intake.cloud_topics:=[points]"
+SOURCES = {"mapping": BOTH, "localization": BOTH}
 # Parameters, logs, types; life cycle; diagnostics.
 OF_EVERY_NODE = (
     "rcl_interfaces/", "type_description_interfaces/", "lifecycle_msgs/", "diagnostic_msgs/",
 )  # fmt: skip
+# What is there only where these are installed.
+OF_OTHERS = ("action_msgs/", "map_msgs/", "nav2_msgs/")
 
 
 def entries(kind, types):
@@ -51,10 +58,9 @@ def graph():
     client = Client()
     with ExitStack() as stack:
         for name in NODES:
-            stack.enter_context(node_process(name))
-        client.wait(lambda: client.node.count_publishers("odom") > 0)
-        client.wait(lambda: client.node.count_publishers("markers/blocks") > 0)
-        client.wait(lambda: client.node.count_publishers("planning/field") > 0)
+            stack.enter_context(node_process(name, *SOURCES.get(name, ())))
+        for topic in ("odom", "markers/blocks", "planning/field", "exploration/status", "cmd_vel"):
+            client.wait(lambda: client.node.count_publishers(topic) > 0, 3 * PATIENCE)  # noqa: B023
         client.wait(lambda: client.node.count_subscribers("initialpose") > 0)
         client.wait_for_node()
         client.spin(0.5)
@@ -86,14 +92,10 @@ def test_goal_and_initial_pose_go_where_our_nodes_listen(graph):
 
 def documented(node):
     """(direction, name without ~, type) of the tables of docs/interface.md."""
-    title = {"simulator": "simulator and driver", "driver": "simulator and driver"}.get(node, node)
     page = (ROOT / "docs" / "interface.md").read_text()
-    section = page.partition(f"\n## {title}\n")[2].partition("\n## ")[0]
-    rows = re.findall(r"^\| (in|out|service) \| `([^`]+)` \| `([^`]+)` .*\|(.*)\|$", section, re.M)
-    own = "driver" if node == "driver" else ""
-    if title != node:
-        rows = [row for row in rows if (row[3].strip() == "driver") == bool(own)]
-    return {(way, absolute(node, name), kind) for way, name, kind, _ in rows}
+    section = page.partition(f"\n## {node}\n")[2].partition("\n## ")[0]
+    rows = re.findall(r"^\| (in|out|service) \| `([^`]+)` \| `([^`]+)` .*\|$", section, re.M)
+    return {(way, absolute(node, name), kind) for way, name, kind in rows}
 
 
 def absolute(node, name):
@@ -110,7 +112,7 @@ def test_interface_page_tells_what_a_node_has(graph, node):
             ("service", graph.get_service_names_and_types_by_node(node, "/")),
         )
         for name, (kind,) in listed
-        if not kind.startswith(OF_EVERY_NODE)
+        if not kind.startswith(OF_EVERY_NODE + OF_OTHERS) and "/_action/" not in name
     }
     assert found == documented(node)
 

@@ -294,7 +294,7 @@ def test_nothing_is_converted_or_published_without_a_listener_or_a_change(monkey
 
     topics = []
     monkeypatch.setattr(node, "publish", lambda topic, _: topics.append(topic))
-    monkeypatch.setattr(node, "has_subscribers", lambda _: True)
+    monkeypatch.setattr(node, "count_listeners", lambda _: 1)
     node._publish()
     node._publish()
     assert sorted(topics) == sorted(MAPS)  # each once: the map did not change in between

@@ -34,7 +34,8 @@ def dotted(document):
     "path", sorted(set(CONFIG.glob("*.yaml")) - {CONFIG / "heightmap25d.yaml"})
 )
 def test_a_preset_holds_only_what_differs_from_the_defaults(path):
-    every = re.sub("# (mounts|body_box):", r"\1:", as_yaml(Params()))
+    lists = "mounts|cloud_topics|cloud_mounts|body_box|boundary"
+    every = re.sub(f"# ({lists}):", r"\1:", as_yaml(Params()))
     document = yaml.safe_load(every)
     document = document["/**"]["ros__parameters"]
     assert set(dotted(document)) == set(flatten(Params()))

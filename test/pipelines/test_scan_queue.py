@@ -361,7 +361,7 @@ def test_transforms_that_close_a_loop():
 
 
 def test_a_topic_that_is_none_of_the_lasers_is_misuse():
-    with pytest.raises(ValueError, match="scan_topics"):
+    with pytest.raises(ValueError, match="is not one of the topics"):
         intake_of().add_scan("elsewhere", scan(0.0))
 
 

@@ -1,0 +1,141 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Which unknown cells matter, and from which cells the robot can look at them.
+
+A frontier is where free cells that the robot can come to border on unknown ones. What matters of
+the unknown is what lies a short way behind a frontier: the robot might drive there. The rest of it
+is inside of walls, or behind them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from heightmap25d_ros.grid.height_map import Cell
+from heightmap25d_ros.planning.route import to_cell
+from heightmap25d_ros.planning.search import STRAIGHT, cost_to_go
+from heightmap25d_ros.planning.start_clearing import ClearedStart
+
+_SIDES = ndimage.generate_binary_structure(2, 1)
+
+Mask = NDArray[np.bool_]
+
+
+def travel_costs(cleared: ClearedStart, start: Cell) -> NDArray[np.float64]:
+    """(rows, columns) [cells of flat ground]: cost between the robot and each cell; inf: no path.
+
+    Costs are those of the way back to the robot: on slopes those of the way there differ a little,
+    where one of the two exists so does the other.
+
+    Parameters
+    ----------
+    cleared : ClearedStart
+        The map in which the robot can leave from where it stands.
+    start : (row, column)
+        Of the robot.
+    """
+    graph = cleared.graph
+    costs = np.full(graph.geometry.shape, np.inf)
+    if graph.enterable[start]:
+        sources = [(0.0, start)]
+    else:
+        worth = cleared.costs + cleared.penalties
+        sources = [(float(cleared.costs[n]), to_cell(cleared.exits[n])) for n in np.argsort(worth)]
+    for cost, cell in sources:
+        # From one exit the others that are connected with it are reached as well.
+        if graph.enterable[cell] and np.isinf(costs[cell]):
+            field = cost_to_go(graph.incoming, cell).dense()
+            np.minimum(costs, np.where(field < 0, np.inf, cost + field / STRAIGHT), out=costs)
+    return costs
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Frontiers:
+    """The unknown that matters.
+
+    Attributes
+    ----------
+    wanted : (rows, columns) bool
+        Unknown cells not farther than the depth behind a frontier, on a path over cells that are
+        not occupied.
+    border : (rows, columns) bool
+        Those of them that border on free cells which the robot can touch.
+    """
+
+    wanted: Mask
+    border: Mask
+
+
+def find(
+    known: Mask, occupied: Mask, reachable: Mask, allowed: Mask, radius: float, depth: float
+) -> Frontiers:
+    """The frontiers of a map.
+
+    Parameters
+    ----------
+    known, occupied : (rows, columns) bool
+    reachable : (rows, columns) bool
+        Cells at which the robot's centre may be.
+    allowed : (rows, columns) bool
+        Unknown cells elsewhere are not wanted.
+    radius : float [cells]
+        Of the robot: so far beside reachable cells it touches free ones.
+    depth : float [cells]
+
+    Examples
+    --------
+    Beyond a door in a wall; behind the wall nothing is wanted:
+
+    >>> known = np.array([[True, True, False, False], [True, True, False, False]])
+    >>> occupied = np.array([[False, False, False, False], [False, True, False, False]])
+    >>> find(known, occupied, known & ~occupied, ~occupied, radius=0.0, depth=1.0).wanted
+    array([[False, False,  True, False],
+           [False, False, False, False]])
+    """
+    free = known & ~occupied
+    touched = _spread(reachable & free, math.ceil(radius), free)
+    unknown = ~known & allowed
+    wanted = _spread(touched, math.ceil(depth), touched | unknown) & unknown
+    border = ndimage.binary_dilation(touched, _SIDES) & wanted
+    return Frontiers(wanted=np.asarray(wanted), border=np.asarray(border))
+
+
+def _spread(mask: Mask, cells: int, within: Mask) -> Mask:
+    """A mask grown by so many steps over the sides of cells, within another one."""
+    if cells == 0 or not mask.any():
+        return mask
+    return np.asarray(ndimage.binary_dilation(mask, _SIDES, iterations=cells, mask=within))
+
+
+def viewpoints(reachable: Mask, wanted: Mask, spacing: int, reach: int) -> NDArray[np.int64]:
+    """(N, 2): cells of a lattice where the robot may be, with anything wanted within reach.
+
+    Parameters
+    ----------
+    reachable, wanted : (rows, columns) bool
+    spacing : int [cells]
+        Of the lattice, which begins with the first row and column.
+    reach : int [cells]
+    """
+    lattice = np.argwhere(reachable[::spacing, ::spacing]) * spacing
+    return lattice[count_around(wanted, lattice, reach) > 0]
+
+
+def count_around(mask: Mask, cells: NDArray[np.int64], reach: int) -> NDArray[np.int64]:
+    """(N,): how many cells of a mask are within a square around each cell (N, 2)."""
+    rows, columns = mask.shape
+    sums = np.zeros((rows + 1, columns + 1), np.int64)
+    sums[1:, 1:] = mask.cumsum(axis=0).cumsum(axis=1)
+    low = np.clip(cells - reach, 0, (rows, columns))
+    high = np.clip(cells + reach + 1, 0, (rows, columns))
+    return np.asarray(
+        sums[high[:, 0], high[:, 1]]
+        - sums[low[:, 0], high[:, 1]]
+        - sums[high[:, 0], low[:, 1]]
+        + sums[low[:, 0], low[:, 1]]
+    )

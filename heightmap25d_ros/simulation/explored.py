@@ -1,0 +1,185 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A simulated robot explores a world: mapping, planning, exploration and control in one process.
+
+The pipelines of the nodes, driven by simulated time: the same run each time, faster than real time.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from heightmap25d_ros import se3
+from heightmap25d_ros.io.decode import Odometry
+from heightmap25d_ros.params.sections import Params
+from heightmap25d_ros.pipelines.exploration import Exploration
+from heightmap25d_ros.pipelines.exploration_task import Task
+from heightmap25d_ros.pipelines.mapping import Mapping
+from heightmap25d_ros.pipelines.path_following import PathFollowing
+from heightmap25d_ros.pipelines.planning import Planning
+from heightmap25d_ros.planning.plan import Plan, Pose2D
+from heightmap25d_ros.simulation.messages import stamp_ns
+from heightmap25d_ros.simulation.simulation import Simulation, TimedMessage
+from heightmap25d_ros.viz.exploration_figures import Snapshot
+
+_ADVANCE = 0.2  # [s] between two turns of the exploration
+_SNAPSHOT = 2.0  # [s] between two pictures of the animation
+
+
+@dataclass(slots=True, kw_only=True, eq=False)
+class Record:
+    """What was seen of a run.
+
+    Attributes
+    ----------
+    trajectory : list of (int, (4, 4) float64)
+        Stamps [ns] and true poses.
+    snapshots : list of Snapshot
+    contacts : int
+        How often something stopped the robot.
+    plans, refused : int
+        Paths, and goals that planning refused.
+    decision_s : list of float [s]
+        CPU time of each turn of the exploration that looked over the map.
+    """
+
+    trajectory: list[tuple[int, se3.Matrix]] = field(default_factory=list)
+    snapshots: list[Snapshot] = field(default_factory=list)
+    contacts: int = 0
+    plans: int = 0
+    refused: int = 0
+    decision_s: list[float] = field(default_factory=list)
+
+
+class SimulatedExploration:
+    """All of a robot that explores, in steps of the simulation.
+
+    Parameters
+    ----------
+    simulation : Simulation
+        Its odometry is taken for true.
+    params : Params
+    task : Task
+
+    Attributes
+    ----------
+    mapping : Mapping
+    exploration : Exploration
+    record : Record
+    """
+
+    def __init__(self, simulation: Simulation, params: Params, task: Task) -> None:
+        self.mapping = Mapping(params)
+        self.exploration = Exploration(params)
+        self.record = Record()
+        self._simulation = simulation
+        self._params = params
+        self._planning = Planning(params)
+        self._following = PathFollowing(params)
+        self._planning.set_boundary(task.boundary)
+        self._velocity = (0.0, 0.0)
+        self._path = np.empty((0, 2))
+        self._was_blocked = False
+        self._due = {"map": 0.0, "advance": 0.0, "snapshot": 0.0}
+        self.exploration.start(task)
+        self._take(simulation.begin())
+
+    def run(self, time_limit: float) -> None:
+        """Run until the exploration has ended, or for so long [s], simulated."""
+        while self.exploration.is_running and self._simulation.seconds < time_limit:
+            self.step()
+        self._take_snapshot()
+
+    def step(self) -> None:
+        """Advance by a step of the simulation."""
+        self._take(self._simulation.step(*self._velocity))
+        is_blocked = self._simulation.robot.is_blocked
+        self.record.contacts += is_blocked and not self._was_blocked
+        self._was_blocked = is_blocked
+        if self._is_due("map", 1.0 / self._params.mapping.publish_rate):
+            self._publish_map()
+        if self._is_due("advance", _ADVANCE):
+            self._advance()
+        if self._is_due("snapshot", _SNAPSHOT):
+            self._take_snapshot()
+
+    def _is_due(self, what: str, period: float) -> bool:
+        if self._simulation.seconds < self._due[what]:
+            return False
+        self._due[what] = self._simulation.seconds + period - 1e-9
+        return True
+
+    def _take(self, events: list[TimedMessage]) -> None:
+        for _, topic, message in events:
+            if topic == "/odom":
+                self.mapping.take_odometry(message)
+                self._follow(self._planning.take_odometry(message))
+                self.exploration.take_odometry(message)
+                velocity = self._following.take_odometry(message)
+                self._velocity = velocity.speed, velocity.turn_rate
+                now = stamp_ns(self._simulation.seconds)
+                self.record.trajectory.append((now, self._simulation.robot.T))
+            elif topic == "/tf_static":
+                self.mapping.take_transforms(message, is_static=True)
+            elif topic in self._params.intake.scan_topics:
+                self.mapping.take_scan(topic, message)
+
+    def _publish_map(self) -> None:
+        if not self.mapping.merged["scans"]:
+            return
+        height_map, _ = self.mapping.maps()
+        self._follow(self._planning.set_map(height_map))
+        self._following.set_map(height_map)
+        self.exploration.set_map(height_map)
+
+    def _advance(self) -> None:
+        before, began = self.exploration.survey, time.process_time()
+        goal = self.exploration.advance(stamp_ns(self._simulation.seconds))
+        if self.exploration.survey is not before:
+            self.record.decision_s.append(time.process_time() - began)
+        if goal is not None:
+            frame = self._params.mapping.map_frame
+            stamped = Odometry(stamp_ns=0, frame_id=frame, child_frame_id="goal", T=_pose(goal))
+            self._follow(self._planning.set_goal(stamped))
+
+    def _follow(self, plan: Plan | None) -> None:
+        if plan is None:
+            return
+        self.record.plans += plan.found
+        self.record.refused += not plan.found
+        poses = plan.poses
+        heading = np.arctan2(poses[:, 1, 0], poses[:, 0, 0])
+        self._path = poses[:, :2, 3]
+        self._following.set_path(np.column_stack([self._path, heading]))
+        self.exploration.set_plan_refusal("" if plan.found else plan.reason)
+
+    def _take_snapshot(self) -> None:
+        if not self.mapping.merged["scans"]:
+            return
+        exploration = self.exploration
+        choice = exploration.choice
+        self.record.snapshots.append(
+            Snapshot(
+                seconds=self._simulation.seconds,
+                distance=exploration.distance,
+                covered_area=exploration.survey.covered_area if exploration.survey else 0.0,
+                height_map=self.mapping.maps()[0],
+                robot=self._simulation.robot.T,
+                goal=exploration.goal,
+                places=np.empty((0, 2)) if choice is None else choice.places,
+                gains=np.empty(0) if choice is None else choice.gains,
+                path=self._path,
+            )
+        )
+
+
+def _pose(place: Pose2D) -> se3.Matrix:
+    yaw = place.yaw or 0.0
+    T = np.eye(4)
+    T[:2, :2] = [[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]]
+    T[:2, 3] = place.x, place.y
+    return T

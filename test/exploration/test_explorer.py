@@ -1,0 +1,161 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Small worlds, explored to the end by a robot that sees along true lines of sight."""
+
+import math
+
+import numpy as np
+import pytest
+from explored_worlds import CELL, at, explore, seen
+
+from heightmap25d_ros.exploration.explorer import Explorer
+from heightmap25d_ros.grid.height_map import HeightMap
+from heightmap25d_ros.params.by_name import with_values
+from heightmap25d_ros.params.sections import Params
+from heightmap25d_ros.planning.plan import Pose2D
+
+WALL = 1.5
+
+
+def room(width, depth):
+    """Flat ground of so many metres, with walls around it."""
+    height = np.zeros((round(depth / CELL), round(width / CELL)))
+    height[[0, -1]] = height[:, [0, -1]] = WALL
+    return height
+
+
+def test_one_room_is_seen_from_where_the_robot_is():
+    visit = explore(room(6.0, 6.0), (3.0, 3.0))
+    assert visit.has_ended
+    assert len(visit.places) == 1
+    assert visit.known.all()
+
+
+def test_a_long_room_ends_with_all_of_it_known():
+    visit = explore(room(20.0, 5.0), (2.0, 2.5))
+    assert visit.has_ended
+    assert visit.known[at(visit.known, (1, 19), (1, 4))].all()
+    assert all(a.x < b.x for a, b in zip(visit.places, visit.places[1:], strict=False))
+
+
+def test_a_corridor_with_a_side_room():
+    height = room(16.0, 10.0)
+    height[at(height, (0.0, 16.0), (3.0, 3.25))] = WALL  # the corridor's wall
+    height[at(height, (10.0, 10.25), (3.0, 10.0))] = WALL  # the room is from 0 to 10 m
+    height[at(height, (6.0, 7.5), (3.0, 3.25))] = 0.0  # its door
+    visit = explore(height, (2.0, 1.5))
+    assert visit.has_ended
+    inside = at(height, (1.0, 9.0), (4.0, 9.0))
+    assert visit.known[inside].mean() > 0.98
+    assert any(place.y > 3.25 for place in visit.places) or visit.known[inside].all()
+    beyond = at(height, (11.0, 15.0), (4.0, 9.0))
+    assert not visit.known[beyond].any()  # no door leads there
+
+
+def test_an_island_that_cannot_be_reached_does_not_keep_the_robot_busy():
+    height = room(12.0, 12.0)
+    height[at(height, (7.0, 11.0), (7.0, 11.0))] = -1.5  # a pit, with a plateau in its middle
+    height[at(height, (8.5, 9.5), (8.5, 9.5))] = 0.0
+    visit = explore(height, (2.0, 2.0))
+    assert visit.has_ended
+    assert np.isinf(visit.survey.costs[at(height, (8.5, 9.5), (8.5, 9.5))]).all()
+    assert visit.known[at(height, (1.0, 6.0), (1.0, 11.0))].all()
+
+
+def test_a_shadow_that_never_clears_is_given_up():
+    height = room(10.0, 10.0)
+    hidden = np.zeros(height.shape, bool)
+    hidden[at(height, (5.0, 8.0), (5.0, 8.0))] = True  # wet ground, from which no beam returns
+    visit = explore(height, (2.0, 2.0), hidden=hidden)
+    assert visit.has_ended
+    assert len(visit.places) < 15
+    assert visit.known[~hidden & (height < WALL)].mean() > 0.99
+
+
+def test_a_boundary_through_a_door_is_not_passed():
+    height = room(16.0, 6.0)
+    height[at(height, (8.0, 8.25), (0.0, 6.0))] = WALL
+    height[at(height, (8.0, 8.25), (2.0, 4.0))] = 0.0
+    boundary = [(0, 0), (8.1, 0), (8.1, 6), (0, 6)]
+    visit = explore(height, (2.0, 3.0), boundary=boundary)
+    assert visit.has_ended
+    assert all(place.x < 8.1 for place in visit.places)
+    assert np.isinf(visit.survey.costs[:, round(8.1 / CELL) :]).all()
+    free = explore(height, (2.0, 3.0))
+    assert any(place.x > 8.25 for place in free.places)
+
+
+def test_a_start_in_a_dead_end():
+    height = room(12.0, 12.0)
+    height[at(height, (0.0, 9.0), (3.0, 3.25))] = WALL  # the dead end is below, open at its right
+    visit = explore(height, (1.5, 1.5))
+    assert visit.has_ended
+    assert visit.known[at(height, (1.0, 11.0), (4.0, 11.0))].mean() > 0.99
+
+
+def test_a_ramp_is_driven_and_a_drop_is_not():
+    height = room(14.0, 8.0)
+    x = (np.arange(height.shape[1]) + 0.5) * CELL
+    height[8:-8, :] = np.interp(x, [4.0, 8.0], [0.0, 0.8])  # up, to a terrace
+    height[8:-8, round(11 / CELL) :] = 0.0  # that ends in a drop
+    height[[0, -1]] = height[:, [0, -1]] = WALL
+    visit = explore(height, (2.0, 4.0))
+    assert visit.has_ended
+    assert max(place.x for place in visit.places) > 6.0
+    assert all(place.x < 11.0 - 0.4 for place in visit.places if 1.5 < place.y < 6.5)
+
+
+def test_places_that_were_given_up_are_not_chosen_again():
+    shown = HeightMap.from_metres(
+        np.where(seen(room(20.0, 5.0), (20, 16)), room(20.0, 5.0), np.nan), resolution=CELL
+    )
+    explorer = Explorer(Params())
+    robot = Pose2D(2.0625, 2.5625, yaw=0.0)
+    goals = []
+    while (choice := explorer.choose(explorer.survey(shown, robot))).goal is not None:
+        goals.append(choice.goal)
+        explorer.give_up(choice.goal)
+    assert 1 < len(goals) < 60
+    apart = [math.hypot(a.x - b.x, a.y - b.y) for a in goals for b in goals if a is not b]
+    assert min(apart) >= 0.6
+    explorer.forget()
+    assert explorer.choose(explorer.survey(shown, robot)).goal == goals[0]
+
+
+def test_looks_are_of_cells_of_the_world_however_the_map_grows():
+    height = room(10.0, 10.0)
+    height[at(height, (5.0, 8.0), (5.0, 8.0))] = np.nan
+    explorer, robot = Explorer(Params()), Pose2D(3.0, 3.0, yaw=0.0)
+    before = explorer.survey(HeightMap.from_metres(height, resolution=CELL), robot)
+    assert before.scenery.wanted.any()
+    explorer.note_look(before)
+    grown = np.full((height.shape[0] + 7, height.shape[1] + 3), np.nan)
+    grown[7:, 3:] = height
+    after = explorer.survey(
+        HeightMap.from_metres(grown, resolution=CELL, origin=(-3 * CELL, -7 * CELL)), robot
+    )
+    once = explorer.survey(HeightMap.from_metres(height, resolution=CELL), robot)
+    assert np.array_equal(after.scenery.wanted[7:, 3:], once.scenery.wanted)
+    assert after.wanted_area < before.wanted_area
+
+
+def test_the_gain_is_what_a_full_turn_shows():
+    height = room(10.0, 6.0)
+    height[at(height, (6.0, 6.25), (2.0, 4.0))] = WALL
+    known = np.zeros(height.shape, bool)
+    known[at(height, (0.0, 5.0), (0.0, 6.0))] = True
+    known[at(height, (0.0, 6.25), (2.0, 4.0))] = True
+    shown = HeightMap.from_metres(np.where(known, height, np.nan), resolution=CELL)
+    params = with_values(Params(), {"exploration.frontier_depth": 50.0})
+    survey = Explorer(params).survey(shown, Pose2D(2.0, 3.0, yaw=0.0))
+    place = Pose2D(4.0625, 3.0625)
+    truth = seen(np.where(known, height, 0.0), survey.cell_of(place), blind=1.4)
+    expected = (truth & survey.scenery.wanted).sum() * survey.cell_area
+    assert survey.gain_of(place) == pytest.approx(expected, rel=0.1)
+    assert survey.gain_of(Pose2D(-50.0, 0.0)) == 0.0
+
+
+def test_a_robot_beyond_the_map_has_nowhere_to_go():
+    survey = Explorer(Params()).survey(HeightMap.from_metres(room(5.0, 5.0)), Pose2D(99.0, 0.0))
+    assert np.isinf(survey.costs).all()
+    assert survey.covered_area == 0.0

@@ -1,0 +1,122 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+import numpy as np
+from explored_worlds import SENSOR, seen
+from hypothesis import given
+from hypothesis import strategies as st
+from planner_worlds import route_planner
+from properties import draws
+from scipy import ndimage
+
+from heightmap25d_ros.exploration import frontiers, sight
+from heightmap25d_ros.params.sections import PlannerParams, TraversabilityParams
+from heightmap25d_ros.planning.plan import Pose2D
+from heightmap25d_ros.planning.start_clearing import clear_start
+
+MAP = """
+#######????
+#.....#????
+#.....#????
+#.....?????
+#.....#????
+#######????
+"""
+
+
+def parsed(text):
+    """Known, occupied of a map: # is a wall, . free, ? unknown."""
+    cells = np.array([list(line) for line in text.strip().splitlines()])
+    return cells != "?", cells == "#"
+
+
+def test_only_the_unknown_behind_a_door_is_wanted():
+    known, occupied = parsed(MAP)
+    reachable = known & ~occupied
+    found = frontiers.find(known, occupied, reachable, np.ones_like(known), radius=0, depth=2)
+    assert np.argwhere(found.wanted).tolist() == [[3, 6], [3, 7]]
+    assert np.argwhere(found.border).tolist() == [[3, 6]]
+
+
+def test_the_robot_touches_free_cells_beside_those_that_it_can_come_to():
+    known, occupied = parsed(MAP)
+    reachable = np.zeros_like(known)
+    reachable[3, 3] = True
+    near = frontiers.find(known, occupied, reachable, np.ones_like(known), radius=1, depth=1)
+    assert not near.wanted.any()
+    wide = frontiers.find(known, occupied, reachable, np.ones_like(known), radius=2, depth=1)
+    assert np.argwhere(wide.wanted).tolist() == [[3, 6]]
+
+
+def test_what_is_not_allowed_is_not_wanted_and_not_passed():
+    known, occupied = parsed(MAP)
+    allowed = np.ones_like(known)
+    allowed[3, 6] = False
+    found = frontiers.find(known, occupied, known & ~occupied, allowed, radius=0, depth=5)
+    assert not found.wanted.any()
+
+
+@draws(40)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 5), st.integers(0, 8))
+def test_sums_over_squares(seed, spacing, reach):
+    rng = np.random.default_rng(seed)
+    mask = rng.random(rng.integers(1, 20, 2)) < 0.3
+    cells = frontiers.viewpoints(np.ones_like(mask), mask, spacing, reach)
+    counted = frontiers.count_around(mask, cells, reach)
+    for (y, x), count in zip(cells, counted, strict=True):
+        part = mask[max(y - reach, 0) : y + reach + 1, max(x - reach, 0) : x + reach + 1]
+        assert count == part.sum() > 0
+        assert y % spacing == x % spacing == 0
+
+
+@draws(25)
+@given(st.integers(0, 2**32 - 1))
+def test_sight_is_that_along_each_cells_own_line(seed):
+    """All of the ground is unknown but for boxes. At the edges of shadows rays and lines differ."""
+    rng = np.random.default_rng(seed)
+    height, known = np.zeros((50, 50), np.float32), np.zeros((50, 50), bool)
+    for _ in range(6):
+        iy, ix = rng.integers(0, 46, 2)
+        part = slice(iy, iy + rng.integers(2, 8)), slice(ix, ix + rng.integers(2, 8))
+        height[part], known[part] = rng.choice([0.3, 1.0, 2.0]), True
+    cell = tuple(int(n) for n in rng.integers(5, 45, 2))
+    near = tuple(slice(max(n - 10, 0), n + 11) for n in cell)  # from there shadows widen too fast
+    height[near], known[near] = 0.0, True
+    scenery = sight.Scenery(
+        height=height, known=known, wanted=~known, sensor_height=SENSOR, reach=40.0, blind=11.2
+    )
+    predicted = sight.seen_from(scenery, cell)
+    truth = seen(height.astype(float), cell, blind=1.4)
+    around = np.ones((7, 7), bool)
+    surely = ndimage.binary_erosion(truth, around) & ~known
+    hardly = ndimage.binary_dilation(truth, around) & ~known
+    assert (predicted & ~hardly).sum() <= 0.02 * predicted.sum()
+    assert (surely & ~predicted).sum() <= 0.02 * surely.sum()
+    assert sight.gains(scenery, np.array([cell, cell])).tolist() == [predicted.sum()] * 2
+
+
+def test_costs_are_those_of_the_planner():
+    height = np.zeros((60, 60))
+    height[20:24, :40] = 150
+    planner = route_planner(height)
+    robot = Pose2D(1.0, 1.0, yaw=0.0)
+    cleared = clear_start(
+        planner.graph, robot, TraversabilityParams(), PlannerParams(), is_robot_there=True
+    )
+    costs = frontiers.travel_costs(cleared, (8, 8)) * 0.125
+    for goal in ((1.0, 6.0), (6.0, 1.0), (5.0, 6.5)):
+        cell = tuple(planner.graph.geometry.cell_at(goal))
+        plan = planner.plan(robot, Pose2D(*goal), is_robot_there=True)
+        assert abs(costs[cell] - plan.cost) < 1e-6 + 0.01 * plan.cost
+    assert np.isinf(costs[22, 10])
+
+
+def test_costs_of_a_robot_beside_a_wall():
+    height = np.zeros((60, 60))
+    height[:, :4] = 150
+    planner = route_planner(height)
+    robot = Pose2D(0.9, 3.0, yaw=1.57)  # its disc touches the wall, its rectangle does not
+    cleared = clear_start(
+        planner.graph, robot, TraversabilityParams(), PlannerParams(), is_robot_there=True
+    )
+    costs = frontiers.travel_costs(cleared, (24, 7)) * 0.125
+    assert 3.0 < costs[24, 40] < 6.0
