@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +21,13 @@ from heightmap25d_ros.commands.common import (
 from heightmap25d_ros.errors import NegativeResultError
 from heightmap25d_ros.evaluation.path_drivability import evaluate_path
 from heightmap25d_ros.evaluation.truth import read_ground
+from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.io import atomic_directory, map_directory, trajectory
+from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.planning import Planning
 from heightmap25d_ros.planning.plan import Plan, Pose2D
 from heightmap25d_ros.planning.planner import compile_kernels
+from heightmap25d_ros.terrain.slices import SurfaceStack
 from heightmap25d_ros.viz import plan_figure
 
 PLAN_TUM, PLAN_PNG = "plan.tum", "plan.png"
@@ -37,6 +41,9 @@ def add_to(commands: Any) -> None:
     for name in ("start", "goal"):
         command.add_argument(f"--{name}", type=_place, required=True, metavar="X,Y[,YAW]",
                              help=f"{name} in the map [m], [rad]")  # fmt: skip
+        command.add_argument(f"--{name}-z", type=_height, metavar="Z",
+                             help=f"z of the {name} [m]: its level, in a map with several "
+                             "(default: the lowest)")  # fmt: skip
     command.add_argument("-o", "--output", type=Path, required=True, metavar="OUT",
                          help=f"directory for {PLAN_TUM} and {PLAN_PNG}")  # fmt: skip
     command.add_argument("--truth", type=Path, metavar="FILE",
@@ -53,6 +60,13 @@ def _place(text: str) -> Pose2D:
     return Pose2D(*numbers)
 
 
+def _height(text: str) -> float:
+    z = float(text)
+    if not math.isfinite(z):
+        raise ValueError
+    return z
+
+
 def _plan(options: argparse.Namespace) -> Figures:
     """Plan a path: the exit status is 3 where there is none, and the figures say why.
 
@@ -66,7 +80,8 @@ def _plan(options: argparse.Namespace) -> Figures:
     compile_kernels()  # not what is timed
     planning = Planning(settings)
     planning.set_map(height_map)
-    plan = planning.plan_between(options.start, options.goal)
+    start, goal = replace(options.start, z=options.start_z), replace(options.goal, z=options.goal_z)
+    plan = planning.plan_between(start, goal)
     paths = [options.output / name for name in (PLAN_TUM, PLAN_PNG)]
     if not plan.found or plan.graph is None:
         for path in paths:
@@ -78,7 +93,8 @@ def _plan(options: argparse.Namespace) -> Figures:
             new / PLAN_TUM,
             [(round(d * 1e9), T) for d, T in zip(distance, plan.poses, strict=True)],
         )
-        plan_figure.draw(new / PLAN_PNG, height_map, plan.graph, plan, settings.planner)
+        level = _level_of(height_map, start, settings)
+        plan_figure.draw(new / PLAN_PNG, level, plan.graph, plan, settings.planner)
     figures = {**_figures(plan), "path": str(paths[0]), "picture": str(paths[1])}
     if options.truth:
         xyz_rpy = se3.to_xyz_rpy(plan.poses)
@@ -89,6 +105,15 @@ def _plan(options: argparse.Namespace) -> Figures:
             settings.planner.robot_width,
         ).as_dict()
     return figures
+
+
+def _level_of(height_map: HeightMap, place: Pose2D, settings: Params) -> HeightMap:
+    """The level of a place, which is the whole map where there is no other."""
+    if not len(height_map.upper):
+        return height_map
+    stack = SurfaceStack(height_map, settings.levels, settings.traversability)
+    surface = stack.surface_at(place.x, place.y, place.z)
+    return (stack.lowest() if surface is None else stack.followed(surface)).height_map
 
 
 def _figures(plan: Plan) -> Figures:

@@ -25,7 +25,7 @@ from heightmap25d_ros.grid.height_map import Cell, Geometry, HeightMap
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.planning.graph import TransitionGraph, transition_graph
 from heightmap25d_ros.planning.plan import Pose2D
-from heightmap25d_ros.planning.route import to_cell
+from heightmap25d_ros.planning.search import to_cell
 from heightmap25d_ros.planning.start_clearing import clear_start
 
 NEAR_LOOK = 3.0

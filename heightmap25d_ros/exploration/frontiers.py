@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from heightmap25d_ros.grid.height_map import Cell
-from heightmap25d_ros.planning.route import to_cell
-from heightmap25d_ros.planning.search import STRAIGHT, cost_to_go
+from heightmap25d_ros.planning.search import STRAIGHT, cost_to_go, to_cell
 from heightmap25d_ros.planning.start_clearing import ClearedStart
 
 _SIDES = ndimage.generate_binary_structure(2, 1)

@@ -3,5 +3,6 @@
 """The cells of the map and their geometry.
 
 `height_map` is a dense rectangle: what is saved, published, converted and drawn. `height_grid` is
-the growing map, in tiles that take memory only where cells were observed.
+the growing map, in tiles that take memory only where cells were observed (`lazy_zeros`). `levels`
+are the surfaces above the lowest one in a cell.
 """

@@ -9,16 +9,29 @@ dense rectangles of it, and records which tiles have changed.
 from __future__ import annotations
 
 import math
-import mmap
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 from scipy import ndimage
 
-from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.grid.height_map import PROBABILITY_THRESHOLD, Area, Geometry, HeightMap
-from heightmap25d_ros.params.sections import GridParams
+from heightmap25d_ros.grid.height_map import (
+    PROBABILITY_THRESHOLD,
+    Area,
+    Geometry,
+    HeightMap,
+    stored_probability,
+)
+from heightmap25d_ros.grid.lazy_zeros import lazy_zeros
+from heightmap25d_ros.grid.levels import (
+    BELIEF,
+    BOTTOM,
+    NO_UPPER,
+    TOP,
+    UpperLayers,
+    UpperSurfaces,
+)
+from heightmap25d_ros.params.sections import GridParams, LevelsParams
 
 TILE = 16
 """Side of a tile in cells: cells are stored tile by tile, not row by row."""
@@ -41,25 +54,6 @@ def anchor_at(position: ArrayLike, resolution: float) -> tuple[float, float, flo
             float(math.floor(z + 0.5)))  # fmt: skip
 
 
-def _zeros_committed_lazily(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
-    """Zeros of which only pages that have been written take memory.
-
-    Anonymous private pages are allocated when they are first written; ``MAP_NORESERVE``
-    keeps the kernel from accounting for the rest. Huge pages are refused: a single cell would
-    commit 2 MiB (and numpy asks for them on its own for large arrays).
-    """
-    size = int(np.prod(shape)) * np.dtype(dtype).itemsize
-    map_noreserve = getattr(mmap, "MAP_NORESERVE", 0x4000)  # in Python's mmap since 3.13
-    try:
-        pages = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS | map_noreserve)
-    except OSError as error:
-        raise InputError(
-            f"parameter grid.extent: cannot reserve {size / 2**30:.1f} GiB of addresses ({error})"
-        ) from None
-    pages.madvise(mmap.MADV_NOHUGEPAGE)
-    return np.frombuffer(pages, dtype=dtype).reshape(shape)
-
-
 class TiledArray:
     """A very large 2-D array that takes memory only where it was written.
 
@@ -73,7 +67,7 @@ class TiledArray:
     """
 
     def __init__(self, tiles: tuple[int, int], dtype: DTypeLike) -> None:
-        self.cells = _zeros_committed_lazily((*tiles, TILE, TILE), dtype)
+        self.cells = lazy_zeros((*tiles, TILE, TILE), dtype)
 
     def read(self, area: Area) -> NDArray[Any]:
         """Dense copy (rows, columns) of an area; zeros outside of the array."""
@@ -111,11 +105,16 @@ class HeightGrid:
     params : GridParams, optional
     anchor : (x, y, z) float [m], map
         Middle of the extent, moved to the nearest corner of a tile, and the z of height 0.
+    levels : LevelsParams, optional
+        How many surfaces a cell may hold, and the clear height between them.
 
     Attributes
     ----------
     geometry : Geometry
     anchor : (x, y, z) float [m], map
+    levels : LevelsParams
+    upper : UpperLayers
+        Surfaces above the lowest ones, which all other arrays hold.
     height : TiledArray of int16 [cm]
     probability : TiledArray of uint16
     candidate_height, candidate_probability : TiledArray
@@ -140,8 +139,9 @@ class HeightGrid:
         self,
         params: GridParams | None = None,
         anchor: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        levels: LevelsParams | None = None,
     ) -> None:
-        params = params or GridParams()
+        params, self.levels = params or GridParams(), levels or LevelsParams()
         half = int(np.ceil(params.extent / (2 * params.resolution * TILE)))
         # An odd number of tiles in a row: with a power of two, all tiles above one another
         # would fall into the same few cache sets.
@@ -163,8 +163,9 @@ class HeightGrid:
         self.probability = TiledArray(tiles, np.uint16)
         self.candidate_height = TiledArray(tiles, np.int16)
         self.candidate_probability = TiledArray(tiles, np.uint16)
-        self.tile_top: NDArray[np.uint16] = _zeros_committed_lazily(tiles, np.uint16)
-        self.tile_changed: NDArray[np.uint8] = _zeros_committed_lazily(tiles, np.uint8)
+        self.upper = UpperLayers(self.levels.max_surfaces - 1, (*tiles, TILE, TILE))
+        self.tile_top: NDArray[np.uint16] = lazy_zeros(tiles, np.uint16)
+        self.tile_changed: NDArray[np.uint8] = lazy_zeros(tiles, np.uint8)
         self.observed = np.array(_NO_TILES, np.int64)
         self.changed = np.array(_NO_TILES, np.int64)
 
@@ -254,7 +255,56 @@ class HeightGrid:
             height=self.height.read(area),
             probability=self.probability.read(area),
             probability_threshold=probability_threshold,
+            upper=self._upper_surfaces(probability_threshold, area),
         )
+
+    @property
+    def has_upper(self) -> bool:
+        """Whether there are surfaces above the lowest ones."""
+        first_y, first_x, last_y, last_x, count = self.observed.tolist()
+        spans = self.upper.tile_span[first_y : last_y + 1, first_x : last_x + 1]
+        return bool(count and spans.any())
+
+    def _upper_surfaces(self, probability_threshold: float, area: Area) -> UpperSurfaces:
+        """The known surfaces above the lowest ones of an area."""
+        tiles = tuple(
+            np.s_[max(first // TILE, 0) : max(-(-(first + count) // TILE), 0)]
+            for first, count in ((area.iy, area.rows), (area.ix, area.columns))
+        )
+        ty, tx = np.nonzero(self.upper.tile_span[tiles][..., 1])
+        if not len(ty):
+            return NO_UPPER
+        ty, tx = ty + tiles[0].start, tx + tiles[1].start
+        beliefs = self.upper.beliefs[:, ty, tx][..., BELIEF]
+        layer, tile, y, x = np.nonzero(beliefs >= stored_probability(probability_threshold))
+        heights = self.upper.heights[layer, ty[tile], tx[tile], y, x]
+        return UpperSurfaces.of(
+            np.column_stack([ty[tile] * TILE + y, tx[tile] * TILE + x]),
+            heights[:, TOP],
+            heights[:, BOTTOM],
+            beliefs[layer, tile, y, x],
+        ).part(area.iy, area.ix, area.rows, area.columns)
+
+    def _write_upper(self, upper: UpperSurfaces, area: Area) -> None:
+        """Replace the surfaces above the lowest ones of an area of whole tiles.
+
+        Of a cell with more surfaces than there are layers the lower ones are kept.
+        """
+        ty, tx = area.iy // TILE, area.ix // TILE
+        tiles = np.s_[ty : ty + area.rows // TILE, tx : tx + area.columns // TILE]
+        span, heights, beliefs = self.upper.tile_span, self.upper.heights, self.upper.beliefs
+        used = np.argwhere(span[tiles][..., 1]) + (ty, tx)
+        beliefs[:, used[:, 0], used[:, 1]] = 0
+        span[tiles] = 0
+        kept = upper.where(upper.rank < self.upper.count)
+        layer, (y, x) = kept.rank, (kept.cell + (area.iy, area.ix)).T
+        tile = y // TILE, x // TILE
+        at = layer, *tile, y % TILE, x % TILE
+        heights[(*at, TOP)], heights[(*at, BOTTOM)] = kept.top, kept.bottom
+        beliefs[(*at, BELIEF)] = kept.probability
+        span[(*tile, 0)] = 2 * TOP_BIAS
+        np.minimum.at(span, (*tile, 0), kept.bottom + np.int32(TOP_BIAS))
+        np.maximum.at(span, (*tile, 1), kept.top + np.int32(TOP_BIAS))
 
     def write(self, height_map: HeightMap) -> None:
         """Write a dense map into the grid; it replaces the cells that it covers.
@@ -280,9 +330,12 @@ class HeightGrid:
             dense[area.slices(whole)] = values
             stored.write(whole, dense)
         tiles = np.s_[ty : ty + rows // TILE, tx : tx + columns // TILE]
+        y, x = area.iy - whole.iy, area.ix - whole.ix
+        beside = self._upper_surfaces(0.0, whole).outside(y, x, *area.shape)
+        self._write_upper(beside.with_others(height_map.upper.moved(y, x)), whole)
         is_observed = self.probability.cells[tiles] > 0
         biased = np.where(is_observed, self.height.cells[tiles].astype(np.int32) + TOP_BIAS, 0)
-        top = biased.max(axis=(2, 3))
+        top = np.maximum(biased.max(axis=(2, 3)), self.upper.tile_span[tiles][..., 1] > 0)
         self.observed[4] -= np.count_nonzero(self.tile_top[tiles])
         _include(self.observed, top > 0, tiles)
         self.tile_top[tiles] = top

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.grid.levels import NO_UPPER, UpperSurfaces
 from heightmap25d_ros.params.sections import GridParams, MapperParams
 
 HEIGHT_RESOLUTION = 0.01
@@ -166,15 +167,18 @@ class Area:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeightMap:
-    """A dense rectangle of the map.
+    """A dense rectangle of the map: the lowest surface in each cell, and those above.
 
     Attributes
     ----------
     geometry : Geometry
     height : (rows, columns) int16 [cm] above ground zero
+        Of the lowest surface.
     probability : (rows, columns) uint16, 0 .. `PROBABILITY_SCALE` for 0 .. 1
     probability_threshold : float
         Below it a cell is unknown and its height has no meaning.
+    upper : UpperSurfaces
+        All of them known; none in a map of one level.
 
     Examples
     --------
@@ -196,6 +200,7 @@ class HeightMap:
     height: NDArray[np.int16]
     probability: NDArray[np.uint16]
     probability_threshold: float = PROBABILITY_THRESHOLD
+    upper: UpperSurfaces = NO_UPPER
 
     def __post_init__(self) -> None:
         for name, array in (("height", self.height), ("probability", self.probability)):
@@ -263,6 +268,17 @@ class HeightMap:
             ),
             height=height.astype(np.int16),
             probability=np.where(known, PROBABILITY_SCALE, 0).astype(np.uint16),
+        )
+
+    def part(self, area: Area) -> HeightMap:
+        """An area of these cells."""
+        here = area.slices(Area(0, 0, *self.geometry.shape))
+        return replace(
+            self,
+            geometry=self.geometry.part(area),
+            height=self.height[here],
+            probability=self.probability[here],
+            upper=self.upper.part(area.iy, area.ix, *area.shape),
         )
 
     @property

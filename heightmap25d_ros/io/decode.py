@@ -26,6 +26,7 @@ from heightmap25d_ros.grid.height_map import (
     HeightMap,
     require_plausible,
 )
+from heightmap25d_ros.grid.levels import UpperSurfaces
 from heightmap25d_ros.io import _scan_fields
 from heightmap25d_ros.mapping.sensor_model import Scan
 
@@ -134,13 +135,7 @@ def height_map(message: Any, frame_id: str | None = None) -> HeightMap:
         If it is in another frame, its geometry is not that of a grid along the axes, the arrays do
         not go with it, or the heights are in another unit.
     """
-    if frame_id is not None:
-        require_frame(message.header, frame_id)
-    geometry = _geometry(message.info)
-    if not math.isclose(message.height_resolution, HEIGHT_RESOLUTION, rel_tol=1e-5):
-        raise InputError(
-            f"height_resolution: is {message.height_resolution:g} m, not {HEIGHT_RESOLUTION:g} m"
-        )
+    geometry = _map_geometry(message, frame_id)
     threshold = float(message.probability_threshold)
     if not 0.0 < threshold <= 1.0:
         raise InputError(f"probability_threshold: {threshold:g} is not within 0 .. 1")
@@ -157,6 +152,50 @@ def height_map(message: Any, frame_id: str | None = None) -> HeightMap:
         probability=probability.astype(np.uint16).reshape(geometry.shape),
         probability_threshold=threshold,
     )
+
+
+def upper_surfaces(message: Any, frame_id: str | None = None) -> tuple[Geometry, UpperSurfaces]:
+    """The content of a heightmap25d_msgs/UpperSurfaces, and the cells that it is counted in.
+
+    Raises
+    ------
+    InputError
+        For what `height_map` refuses, and where a surface is in no cell, or below its bottom.
+    """
+    geometry = _map_geometry(message, frame_id)
+    cell, top, bottom, probability = (
+        np.asarray(getattr(message, name), np.int64) for name in _UPPER
+    )
+    count = len(cell)
+    for name, values in zip(_UPPER, (cell, top, bottom, probability), strict=True):
+        if len(values) != count:
+            raise InputError(f"{name}: {len(values)} values for {count} surfaces")
+    rows, columns = geometry.shape
+    if (cell >= rows * columns).any():
+        raise InputError(f"cell: {cell.max()} is not one of {columns} x {rows} cells")
+    if (bottom > top).any():
+        raise InputError("bottom: is above the top")
+    return geometry, UpperSurfaces.of(
+        np.column_stack(np.divmod(cell, columns)),
+        top,
+        bottom,
+        probability * (PROBABILITY_SCALE // 255),
+    )
+
+
+_UPPER = ("cell", "top", "bottom", "probability")
+
+
+def _map_geometry(message: Any, frame_id: str | None) -> Geometry:
+    """Of a message with the header and the heights of a map; its frame is checked if given."""
+    if frame_id is not None:
+        require_frame(message.header, frame_id)
+    geometry = _geometry(message.info)
+    if not math.isclose(message.height_resolution, HEIGHT_RESOLUTION, rel_tol=1e-5):
+        raise InputError(
+            f"height_resolution: is {message.height_resolution:g} m, not {HEIGHT_RESOLUTION:g} m"
+        )
+    return geometry
 
 
 def _geometry(info: Any) -> Geometry:

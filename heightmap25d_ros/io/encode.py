@@ -26,6 +26,9 @@ from heightmap25d_ros.grid.height_map import (
 from heightmap25d_ros.localization.tracker import Attempt
 from heightmap25d_ros.planning.plan import Plan
 
+_PROBABILITY_STEP = PROBABILITY_SCALE / 255.0
+"""Of a probability that is published as a byte."""
+
 
 def fill_occupancy_grid(
     message: Any, occupancy: NDArray[np.int8], geometry: Geometry, stamp: int, frame_id: str
@@ -81,15 +84,33 @@ def fill_height_grid(message: Any, height_map: HeightMap, stamp: int, frame_id: 
     fill_header(message.header, stamp, frame_id)
     _fill_info(message.info, height_map.geometry, stamp)
     message.height_resolution = HEIGHT_RESOLUTION
-    step = PROBABILITY_SCALE / 255.0
-    rounded = np.rint(height_map.probability / step)
-    lowest_known = max(2, round(height_map.probability_threshold * 255.0))
+    rounded = np.rint(height_map.probability / _PROBABILITY_STEP)
+    lowest_known = _lowest_known(height_map)
     observed = height_map.probability > 0
     unknown = np.where(observed, np.clip(rounded, 1, lowest_known - 1), 0)
     probability = np.where(height_map.known, np.maximum(rounded, lowest_known), unknown)
     message.probability_threshold = (lowest_known - 0.5) / 255.0
     message.height = _array("h", height_map.height)
     message.probability = _array("B", probability.astype(np.uint8))
+
+
+def fill_upper_surfaces(message: Any, height_map: HeightMap, stamp: int, frame_id: str) -> None:
+    """Fill a heightmap25d_msgs/UpperSurfaces with what lies above the lowest surfaces."""
+    fill_header(message.header, stamp, frame_id)
+    _fill_info(message.info, height_map.geometry, stamp)
+    message.height_resolution = HEIGHT_RESOLUTION
+    upper = height_map.upper
+    rounded = np.rint(upper.probability / _PROBABILITY_STEP)
+    iy, ix = upper.cell.T
+    message.cell = _array("I", (iy * height_map.geometry.shape[1] + ix).astype(np.uint32))
+    message.top, message.bottom = _array("h", upper.top), _array("h", upper.bottom)
+    probability = np.maximum(rounded, _lowest_known(height_map)).astype(np.uint8)
+    message.probability = _array("B", probability)
+
+
+def _lowest_known(height_map: HeightMap) -> int:
+    """The least probability of a known cell, as a byte."""
+    return max(2, round(height_map.probability_threshold * 255.0))
 
 
 def fill_height_points(
@@ -100,7 +121,7 @@ def fill_height_points(
     frame_id: str,
     origin: Array | None = None,
 ) -> None:
-    """Fill a sensor_msgs/PointCloud2 with the tops of the known cells.
+    """Fill a sensor_msgs/PointCloud2 with the tops of all known surfaces.
 
     Parameters
     ----------
@@ -114,13 +135,17 @@ def fill_height_points(
         Position of that frame, as of `local_origin`: float32 has steps of 0.5 m at 5000 km.
     """
     fill_header(message.header, stamp, frame_id)
-    cells = np.argwhere(height_map.known)
-    iy, ix = cells.T
-    points = np.empty((len(cells), 4), dtype="<f4")
+    lowest, upper = np.argwhere(height_map.known), height_map.upper
+    iy, ix = lowest.T
+    points = np.empty((len(lowest) + len(upper), 4), dtype="<f4")
     x, y, z = (0.0, 0.0, 0.0) if origin is None else origin
+    ground_zero = height_map.geometry.ground_zero
+    cells = np.concatenate([lowest, upper.cell])
     points[:, :2] = height_map.geometry.cell_center(cells) - (x, y)
-    points[:, 2] = height_map.metres[iy, ix] - z
-    points[:, 3] = height_map.probability[iy, ix] / PROBABILITY_SCALE
+    heights = upper.top * HEIGHT_RESOLUTION + ground_zero
+    points[:, 2] = np.concatenate([height_map.metres[iy, ix], heights]) - z
+    probabilities = np.concatenate([height_map.probability[iy, ix], upper.probability])
+    points[:, 3] = probabilities / PROBABILITY_SCALE
     message.height, message.width = 1, len(points)
     message.fields = [
         point_field(name=name, offset=4 * index, datatype=point_field.FLOAT32, count=1)

@@ -29,6 +29,7 @@ from heightmap25d_ros.grid.height_map import (
     HeightMap,
     require_plausible,
 )
+from heightmap25d_ros.grid.levels import NO_UPPER, UpperSurfaces
 from heightmap25d_ros.input_files import require_file
 from heightmap25d_ros.io import atomic_directory, layers_file
 from heightmap25d_ros.io._untrusted import as_input_error
@@ -42,6 +43,9 @@ FORMAT_VERSION = 1
 
 FORMAT_VERSION_OFFSET = 2
 """Of a map with a ``z_offset``, whose heights a reader of version 1 would take for z."""
+
+FORMAT_VERSION_LEVELS = 3
+"""Of a map with surfaces above the lowest ones, and a ``z_offset``: ``upper_...``."""
 
 MAX_CELLS = 2**30
 """A larger map is refused unread; so is one for which the memory is not available."""
@@ -162,8 +166,17 @@ def save(
         )
     obstacle_map = to_obstacle_map(height_map) if obstacle_map is None else obstacle_map
     offset = height_map.geometry.ground_zero
-    optional: dict[str, Any] = {"z_offset": np.float64(offset)} if offset else {}
+    upper = height_map.upper
+    optional: dict[str, Any] = {"z_offset": np.float64(offset)} if offset or len(upper) else {}
     version = FORMAT_VERSION_OFFSET if optional else FORMAT_VERSION
+    if len(upper):
+        version = FORMAT_VERSION_LEVELS
+        optional |= {
+            "upper_cell": upper.cell.astype(np.int32),
+            "upper_top": upper.top,
+            "upper_bottom": upper.bottom,
+            "upper_probability": upper.probability / np.float32(PROBABILITY_SCALE),
+        }
     with atomic_directory.replacing(directory) as temporary:
         (temporary / MAP_YAML).write_text(map_yaml(height_map.geometry), encoding="utf-8")
         (temporary / MAP_PGM).write_bytes(map_pgm(obstacle_map.occupancy))
@@ -203,12 +216,12 @@ def load(directory: Path | str, probability_threshold: float = PROBABILITY_THRES
     require_file(path)
     with as_input_error(str(path)), zipfile.ZipFile(path) as archive:
         version = int(_read_field(archive, path, "format_version"))
-        if version not in (FORMAT_VERSION, FORMAT_VERSION_OFFSET):
+        if not FORMAT_VERSION <= version <= FORMAT_VERSION_LEVELS:
             raise InputError(
-                f"{path}: format_version is {version}, neither {FORMAT_VERSION} nor "
-                f"{FORMAT_VERSION_OFFSET}"
+                f"{path}: format_version is {version}, not within {FORMAT_VERSION} .. "
+                f"{FORMAT_VERSION_LEVELS}"
             )
-        names = [name for name in _FIELDS if name != "z_offset" or version != FORMAT_VERSION]
+        names = [name for name in _FIELDS if _SINCE.get(name, FORMAT_VERSION) <= version]
         fields = {name: _read_field(archive, path, name) for name in names}
     return _checked(path, fields, probability_threshold)
 
@@ -270,7 +283,16 @@ _FIELDS: Mapping[str, tuple[tuple[str, ...], int]] = {
     "origin": (("f",), 1),
     "frame_id": (("U",), 0),
     "z_offset": (("f",), 0),
+    "upper_cell": (("i4",), 2),
+    "upper_top": (("i2",), 1),
+    "upper_bottom": (("i2",), 1),
+    "upper_probability": (("f4",), 1),
 }
+
+_UPPER = ("upper_cell", "upper_top", "upper_bottom", "upper_probability")
+
+_SINCE = {"z_offset": FORMAT_VERSION_OFFSET, **dict.fromkeys(_UPPER, FORMAT_VERSION_LEVELS)}
+"""The version with which a field came."""
 
 
 def _read_field(archive: zipfile.ZipFile, path: Path, name: str) -> NDArray[Any]:
@@ -294,7 +316,7 @@ def _check_header(file: IO[bytes], path: Path, name: str) -> None:
     types, rank = _FIELDS[name]
     if not dtype.str[1:].startswith(types) or len(shape) != rank:
         raise InputError(f"{path}: {name} is an array {shape} of {dtype}, not as in a map")
-    if rank < 2 and dtype.itemsize * math.prod(shape) > _MAX_SMALL_FIELD:
+    if rank < 2 and name not in _UPPER and dtype.itemsize * math.prod(shape) > _MAX_SMALL_FIELD:
         raise InputError(f"{path}: {name} is too long")
     if math.prod(shape) > MAX_CELLS:
         raise InputError(f"{path}: {name} has {shape[0]} x {shape[1]} cells, which is too large")
@@ -341,7 +363,33 @@ def _checked(path: Path, fields: dict[str, NDArray[Any]], threshold: float) -> L
     height_map = HeightMap(
         geometry=geometry,
         height=height.astype(np.int16),
-        probability=np.floor(believed * np.float32(PROBABILITY_SCALE) + 0.5).astype(np.uint16),
+        probability=_stored(believed),
         probability_threshold=threshold,
+        upper=_upper_of(path, fields, height.shape) if "upper_cell" in fields else NO_UPPER,
     )
     return LoadedMap(height_map=height_map, frame_id=frame_id)
+
+
+def _stored(believed: NDArray[np.float32]) -> NDArray[np.uint16]:
+    return np.asarray(np.floor(believed * np.float32(PROBABILITY_SCALE) + 0.5), np.uint16)
+
+
+def _upper_of(path: Path, fields: dict[str, NDArray[Any]], shape: tuple[int, ...]) -> UpperSurfaces:
+    """The surfaces above the lowest ones, once all of their fields are found right."""
+    cell, top, bottom, believed = (fields[name] for name in _UPPER)
+    count = len(top)
+    if not (cell.shape == (count, 2) and bottom.shape == believed.shape == (count,)):
+        raise InputError(f"{path}: {', '.join(_UPPER)} differ in length")
+    for fault, found in {
+        "upper_cell holds cells outside of the map": not ((cell >= 0) & (cell < shape)).all(),
+        "upper_top holds values beyond the limit": (np.abs(top.astype(int)) > HEIGHT_LIMIT).any(),
+        "upper_bottom holds values beyond the limit, or above upper_top": (
+            (bottom.astype(int) < -HEIGHT_LIMIT) | (bottom > top)
+        ).any(),
+        "upper_probability holds values outside of 0 .. 1": not (
+            (believed >= 0.0) & (believed <= 1.0)
+        ).all(),
+    }.items():
+        if found:
+            raise InputError(f"{path}: {fault}")
+    return UpperSurfaces.of(cell, top, bottom, _stored(believed))

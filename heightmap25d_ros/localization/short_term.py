@@ -21,7 +21,7 @@ from heightmap25d_ros.kernels import kernel
 from heightmap25d_ros.localization import surface
 from heightmap25d_ros.mapping.mapper import Mapper
 from heightmap25d_ros.mapping.sensor_model import Beams
-from heightmap25d_ros.params.sections import GridParams, Params
+from heightmap25d_ros.params.sections import GridParams, LevelsParams, Params
 
 _RADIAN = 0.5  # [m] of travel equivalent to one radian of turning
 
@@ -66,7 +66,8 @@ class ShortTermMap:
         self._tolerance = round(params.mapper.height_tolerance / HEIGHT_RESOLUTION)
         self._edge_step = params.registration.edge_step
         extent = 2.0 * (params.sensor.max_range + params.short_term.length)
-        self._grid = HeightGrid(GridParams(resolution=params.grid.resolution, extent=extent))
+        grid = GridParams(resolution=params.grid.resolution, extent=extent)
+        self._grid = HeightGrid(grid, levels=LevelsParams(max_surfaces=1))
         self._mapper = Mapper(self._grid, params.sensor, params.mapper)
         # x, y and distance travelled of each cell's newest return; float32 suffices for this.
         self._newest = np.zeros((*self._grid.geometry.shape, 3), np.float32)

@@ -27,7 +27,10 @@ class Likelihoods(NamedTuple):
 
 
 class Rule(NamedTuple):
-    """`MapperParams` in the units of the stored cells."""
+    """`MapperParams` and `LevelsParams` in the units of the stored cells.
+
+    ``layers`` are those above the lowest surface; without any ``clear`` is higher than any height.
+    """
 
     candidate: bool
     tolerance: int
@@ -40,6 +43,8 @@ class Rule(NamedTuple):
     highest: int
     replace_belief: float
     candidate_belief: int
+    layers: int
+    clear: int
 
 
 @inlined_kernel
@@ -114,12 +119,23 @@ def _propose(cell, z, given_object, given_empty, rule):
 
 @inlined_kernel
 def miss(cell, beam_height, distance, model, rule):
-    """A cell after a beam passed over it: heights at or above the beam lose probability."""
+    """A cell after a beam passed over it: heights at or above the beam lose probability.
+
+    A candidate so high above the beam that the robot fits in between does not: it may hang there.
+    """
     height, probability, candidate_height, candidate = cell
     given_object, given_empty = _likelihoods(distance, model)
-    if candidate > 0 and candidate_height >= beam_height:
+    if candidate > 0 and 0 <= candidate_height - beam_height < rule.clear:
         candidate = _bayes(candidate, given_object, given_empty, rule)
         candidate = candidate if candidate >= rule.known else 0
     if probability >= rule.known and height >= beam_height:
         probability = _bayes(probability, given_object, given_empty, rule)
     return height, probability, candidate_height, candidate
+
+
+@inlined_kernel
+def is_contradicted(cell, beam_height, rule):
+    """Whether `miss` changes a cell."""
+    height, probability, candidate_height, candidate = cell
+    stands = height >= beam_height and probability >= rule.known
+    return stands or (candidate > 0 and 0 <= candidate_height - beam_height < rule.clear)

@@ -3,9 +3,9 @@
 """Beams into cells: each beam is traced through the grid, and the cells along it are updated.
 
 A beam clears the cells that it passes over (`_clear`) and updates the cell in which it ends, both
-with `cell_update`. Inside the kernels x and y are counted in cells from the grid's corner, z in
-centimetres above ground zero, and the distance along a beam in ticks: integers, which add up
-without rounding and faster than floats.
+with `cell_update`, and with `level_update` where surfaces are one above the other. Inside the
+kernels x and y are counted in cells from the grid's corner, z in centimetres above ground zero, and
+the distance along a beam in ticks: integers, which add up without rounding and faster than floats.
 
 The kernels take plain arrays, many of them, are inlined, divide by numpy's rules, which raise
 nothing, and leave a loop by one condition only. Otherwise numba counts references to the arrays
@@ -26,7 +26,16 @@ from heightmap25d_ros.grid.height_map import (
     stored_probability,
 )
 from heightmap25d_ros.kernels import inlined_kernel, kernel
-from heightmap25d_ros.mapping.cell_update import Likelihoods, Rule, hit, miss
+from heightmap25d_ros.mapping.cell_update import Likelihoods, Rule, hit, is_contradicted, miss
+from heightmap25d_ros.mapping.level_update import (
+    CHANGED,
+    SURPLUS,
+    hit_surface,
+    is_in_the_way,
+    lift,
+    miss_upper,
+    update_span,
+)
 from heightmap25d_ros.mapping.sensor_model import Beams, Scan
 from heightmap25d_ros.mapping.sensor_model import beams as beams_of
 from heightmap25d_ros.params.sections import MapperParams, SensorParams
@@ -41,6 +50,7 @@ _END = 1.0  # [m] before its end, where the whole margin counts for every beam
 _LEVEL = 0.25  # [cm] least fall of a beam that is assumed when tiles are skipped
 _GOLDEN = 2654435761  # Knuth's multiplicative hashing, for a hash set of cells
 _PROBES = 16  # slots of the set that are probed
+_NEVER = 2**30  # [cm] of clear height, where a cell has but one surface
 
 
 class Integrated(NamedTuple):
@@ -54,11 +64,14 @@ class Integrated(NamedTuple):
         Returns more than 327 m above or below ground zero, discarded.
     outside : int
         Returns beyond the extent of the grid, discarded.
+    surplus : int
+        Returns from more surfaces than a cell holds (``levels.max_surfaces``), discarded.
     """
 
     hits: int
     out_of_range: int
     outside: int
+    surplus: int
 
 
 class Mapper:
@@ -79,7 +92,7 @@ class Mapper:
     >>> T_base_sensor[2, 3] = 0.4
     >>> scan = Scan(angle_min=0.0, angle_increment=0.01, ranges=[2.0])
     >>> Mapper(grid).add_scan(scan, np.eye(4), T_base_sensor)
-    Integrated(hits=1, out_of_range=0, outside=0)
+    Integrated(hits=1, out_of_range=0, outside=0, surplus=0)
     >>> height_map = grid.read()
     >>> int(height_map.height[tuple(height_map.geometry.cell_at((2.0, 0.0)))])  # [cm]
     40
@@ -112,6 +125,10 @@ class Mapper:
             highest=stored_probability(params.probability_max),
             replace_belief=params.replace_belief,
             candidate_belief=stored_probability(params.candidate_belief),
+            layers=grid.upper.count,
+            clear=round(grid.levels.clear_height / HEIGHT_RESOLUTION)
+            if grid.upper.count
+            else _NEVER,
         )
         cells = (grid.height, grid.probability, grid.candidate_height, grid.candidate_probability)
         self._constants = (
@@ -123,6 +140,10 @@ class Mapper:
             grid.tile_changed.reshape(-1),
             grid.observed,
             grid.changed,
+            tuple(
+                array.reshape(-1)
+                for array in (grid.upper.heights, grid.upper.beliefs, grid.upper.tile_span)
+            ),
             # Plain tuples: named ones cost numba three times as much, at each call.
             tuple(hit_model),
             tuple(miss_model),
@@ -168,11 +189,12 @@ class Mapper:
 def _integrate(  # noqa: PLR0913
     origins, ends, is_hit, is_lone, corner, cells_per_metre, tiles,
     heights, probabilities, candidate_heights, candidates, tile_top, tile_changed,
-    observed, changed, hit_model, miss_model, rule,
+    observed, changed, layers, hit_model, miss_model, rule,
 ):  # fmt: skip
     """Integrate beams, shapes (N, 3), (N, 3), (N,); returns the counts of `Integrated`."""
     hit_model, miss_model, rule = Likelihoods(*hit_model), Likelihoods(*miss_model), Rule(*rule)
-    hits = out_of_range = outside = 0
+    hits = out_of_range = outside = surplus = 0
+    spans = layers[2]
     rows, columns = tiles
     judged = _cells_hit(ends, is_hit, is_lone, corner, cells_per_metre, columns, rule)
     for beam in range(len(ends)):
@@ -190,7 +212,7 @@ def _integrate(  # noqa: PLR0913
         )
         _clear(
             origin, end, length, columns, heights, probabilities, candidate_heights, candidates,
-            tile_top, tile_changed, changed, judged, miss_model, rule,
+            tile_top, tile_changed, changed, layers, judged, miss_model, rule,
         )  # fmt: skip
         if not is_hit[beam]:
             continue
@@ -202,18 +224,32 @@ def _integrate(  # noqa: PLR0913
         tile = np.uint64(iy // TILE * columns + ix // TILE)
         cell = np.uint64(tile * np.uint64(_TILE_CELLS) + np.uint64(iy % TILE * TILE + ix % TILE))
         before = _content(cell, heights, probabilities, candidate_heights, candidates)
-        after = hit(before, z, length, hit_model, rule)
+        outcome = 0
+        if spans[2 * tile + 1] != 0 or _may_be_clear(before, z, rule):
+            after, outcome = hit_surface(cell, tile, z, length, before, layers, hit_model, rule)
+            surplus += outcome == SURPLUS
+        else:
+            after = hit(before, z, length, hit_model, rule)
         heights[cell], probabilities[cell] = after[0], after[1]
         if after[3] != 0 or before[3] != 0:  # a page without candidates takes no memory
             candidate_heights[cell], candidates[cell] = after[2], after[3]
-        if (after[0] != before[0] or before[1] < rule.known) and tile_changed[tile] == 0:
+        is_changed = after[0] != before[0] or before[1] < rule.known or outcome == CHANGED
+        if is_changed and tile_changed[tile] == 0:
             tile_changed[tile] = 1
             _include(iy // TILE, ix // TILE, changed)
         if tile_top[tile] == 0:
             _include(iy // TILE, ix // TILE, observed)
         tile_top[tile] = max(tile_top[tile], max(after[0], z) + TOP_BIAS)
         hits += 1
-    return hits, out_of_range, outside
+    return hits, out_of_range, outside, surplus
+
+
+@inlined_kernel
+def _may_be_clear(cell, z, rule):
+    """Whether the robot fits between a cell and a reading above it, or the cell's candidate."""
+    height, probability, candidate_height, candidate = cell
+    is_far = z - height >= rule.clear or (candidate > 0 and candidate_height - z >= rule.clear)
+    return probability >= rule.known and is_far
 
 
 @inlined_kernel
@@ -251,7 +287,7 @@ def _content(cell, heights, probabilities, candidate_heights, candidates):
 @inlined_kernel
 def _clear(  # noqa: PLR0913
     origin, end, length, columns, heights, probabilities, candidate_heights, candidates,
-    tile_top, tile_changed, changed, judged, model, rule,
+    tile_top, tile_changed, changed, layers, judged, model, rule,
 ):  # fmt: skip
     """Traverse the tiles between the ends of a beam, and in them the cells that may reach it.
 
@@ -273,15 +309,21 @@ def _clear(  # noqa: PLR0913
     exit_x, exit_y = _exit(tx, TILE, x), _exit(ty, TILE, y)
     across_x, across_y = _across(TILE, x), _across(TILE, y)
     last_tx, last_ty = int(lower[0]) // TILE, int(lower[1]) // TILE
+    spans = layers[2]
     for _ in range(1 + abs(last_tx - tx) + abs(last_ty - ty)):
         stop = min(exit_x, exit_y, last)
         tile = np.uint64(index)
         # A beam above the highest cell of a tile cannot touch any of its cells.
         meets = int((biased_z - tile_top[tile]) * ticks_per_cm)
-        if meets < stop and _clear_tile(
-            tile, max(first, meets, exit_x - across_x, exit_y - across_y), stop, x, y,
+        begin = max(first, exit_x - across_x, exit_y - across_y)
+        is_among = spans[2 * tile + 1] != 0 and _meets_span(
+            tile, biased_z - begin * (fall / _TICKS), biased_z - stop * (fall / _TICKS), spans, rule
+        )
+        if (meets < stop or is_among) and _clear_tile(
+            tile, begin if is_among else max(begin, meets), stop, x, y,
             z, fall / _TICKS, distance, metres, lacking, length - _END,
-            heights, probabilities, candidate_heights, candidates, judged, model, rule,
+            heights, probabilities, candidate_heights, candidates,
+            layers, is_among, judged, model, rule,
         ):  # fmt: skip
             if tile_changed[tile] == 0:
                 tile_changed[tile] = 1
@@ -289,12 +331,21 @@ def _clear(  # noqa: PLR0913
             tile_top[tile] = _top_of(
                 tile, heights, probabilities, candidate_heights, candidates, rule
             )
+            if spans[2 * tile + 1] != 0:
+                update_span(tile, layers, rule)
         if exit_x < exit_y:
             index += x.step
             exit_x += across_x
         else:
             index += y.step * columns
             exit_y += across_y
+
+
+@inlined_kernel
+def _meets_span(tile, start, stop, spans, rule):
+    """Whether a beam that falls between two heights is among a tile's upper surfaces [cm]."""
+    lowest = np.int64(spans[2 * tile]) - rule.tolerance
+    return stop <= spans[2 * tile + 1] and start >= lowest
 
 
 @inlined_kernel
@@ -315,12 +366,14 @@ def _margin(fall, rule):
 @inlined_kernel
 def _clear_tile(  # noqa: PLR0913
     tile, start, stop, x, y, z, fall, distance, metres, lacking, end,
-    heights, probabilities, candidate_heights, candidates, judged, model, rule,
+    heights, probabilities, candidate_heights, candidates,
+    layers, is_among, judged, model, rule,
 ):  # fmt: skip
     """Lower the probability of heights that the beam contradicts; true if a cell became unknown.
 
     ``fall`` [cm] and ``metres``, which start from ``z`` and ``distance``, are per tick. From a
     distance ``end`` on the beam is higher by what is ``lacking`` from the whole margin [cm].
+    ``is_among``: the beam may contradict upper surfaces as well.
     """
     is_lost = False
     half_fall = 0.5 * fall
@@ -337,13 +390,24 @@ def _clear_tile(  # noqa: PLR0913
         if distance + middle * metres > end:
             beam_height += lacking
         cell = np.uint64(index)
-        is_met = heights[cell] >= beam_height or candidates[cell] > 0
+        is_met = heights[cell] >= beam_height or candidates[cell] > 0 or is_among
         if is_met and left - entered > _FEW:
             before = _content(cell, heights, probabilities, candidate_heights, candidates)
-            if _is_contradicted(before, beam_height, rule) and (
+            entry = beam_height - rule.clearing_margin + (left - entered) * half_fall
+            is_in_upper = is_among and is_in_the_way(cell, beam_height, entry, layers, rule)
+            if (is_in_upper or is_contradicted(before, beam_height, rule)) and (
                 not rule.candidate or _may_judge(index, middle, x, y, judged, rule)
             ):
-                after = miss(before, beam_height, distance + middle * metres, model, rule)
+                passed = distance + middle * metres
+                if is_in_upper:
+                    is_lost |= miss_upper(cell, beam_height, entry, passed, layers, model, rule)
+                after = miss(before, beam_height, passed, model, rule)
+                if (
+                    after[1] < rule.known
+                    and _is_overhead(before, beam_height, rule)
+                    and lift(cell, tile, before, layers, rule)
+                ):
+                    after = before[0], np.int64(0), np.int64(0), np.int64(0)
                 probabilities[cell] = after[1]
                 if before[3] != 0:
                     candidates[cell] = after[3]
@@ -359,10 +423,9 @@ def _clear_tile(  # noqa: PLR0913
 
 
 @inlined_kernel
-def _is_contradicted(cell, beam_height, rule):
-    height, probability, candidate_height, candidate = cell
-    stands = height >= beam_height and probability >= rule.known
-    return stands or (candidate > 0 and candidate_height >= beam_height)
+def _is_overhead(cell, beam_height, rule):
+    """Whether the robot fits below a surface that a beam passed under."""
+    return cell[1] >= rule.known and cell[0] - beam_height >= rule.clear
 
 
 @kernel

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Float32MultiArray, MultiArrayDimension
 
-from heightmap25d_msgs.msg import HeightGrid
+from heightmap25d_msgs.msg import HeightGrid, UpperSurfaces
 from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.io import encode
 from heightmap25d_ros.nodes.map_transform import AnchorTransform
@@ -31,6 +31,7 @@ except ImportError:
 Maps = tuple[HeightMap, ObstacleMap]
 
 TOPICS = {
+    "upper_surfaces": UpperSurfaces,  # before the grid of the same stamp, with which it is read
     "height_grid": HeightGrid,
     "map": OccupancyGrid,
     "cost_map": OccupancyGrid,
@@ -65,7 +66,9 @@ def message_of(topic: str, maps: Maps, stamp: int, frame: str, anchor: AnchorTra
     """
     height_map, obstacle_map = maps
     message = TOPICS[topic]()
-    if topic == "height_grid":
+    if topic == "upper_surfaces":
+        encode.fill_upper_surfaces(message, height_map, stamp, frame)
+    elif topic == "height_grid":
         encode.fill_height_grid(message, height_map, stamp, frame)
     elif topic == "height_points":
         encode.fill_height_points(

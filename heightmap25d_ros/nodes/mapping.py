@@ -46,6 +46,7 @@ class MappingNode(ManagedNode):
         "grid",
         "sensor",
         "mapper",
+        "levels",
         "traversability",
         "intake",
         "cloud",

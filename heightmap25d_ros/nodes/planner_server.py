@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -15,7 +16,9 @@ from builtin_interfaces.msg import Duration
 from nav_msgs.msg import Path
 
 from heightmap25d_ros.errors import printable
-from heightmap25d_ros.nodes.interface import Action, Service
+from heightmap25d_ros.io import encode
+from heightmap25d_ros.nodes import qos
+from heightmap25d_ros.nodes.interface import Action, Output, Service
 from heightmap25d_ros.nodes.lifecycle import ManagedNode
 from heightmap25d_ros.pipelines.path_requests import PathRequest
 from heightmap25d_ros.pipelines.planning import Planning
@@ -23,12 +26,16 @@ from heightmap25d_ros.planning.plan import Plan, Status
 
 try:
     from nav2_msgs.action import ComputePathThroughPoses, ComputePathToPose
+    from nav2_msgs.msg import SpeedLimit
     from nav2_msgs.srv import ClearEntireCostmap, IsPathValid
 except ImportError:
     ComputePathToPose = None
 
 IS_AVAILABLE = ComputePathToPose is not None
 """Whether nav2_msgs is installed."""
+
+_SPEED_LIMIT = "speed_limit"
+_STEP = 5  # percent
 
 _LONGEST_TOLD = 100  # characters of a name that may be anybody's
 
@@ -67,6 +74,7 @@ class PlannerServer:
         self._show = show
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="planner")
         self._goals: dict[Any, _Goal] = {}  # the newest of each action
+        self._percent = 100
 
     def close(self) -> None:
         """Give all goals up."""
@@ -91,6 +99,21 @@ class PlannerServer:
             Service(IsPathValid, "is_path_valid", self._is_path_valid),
             Service(ClearEntireCostmap, "global_costmap/clear_entirely_global_costmap", _cleared),
         ]
+
+    def outputs(self) -> list[Output]:
+        """What controllers of Nav2 want to know of the ground."""
+        return [Output(SpeedLimit, _SPEED_LIMIT, qos.LATCHED)]
+
+    def limit_speed(self, plan: Plan) -> None:
+        """Publish how fast a robot on the path should be, where that has changed."""
+        percent = _STEP * math.floor(100.0 * self._planning.speed_share(plan) / _STEP + 1e-9)
+        if percent == self._percent:
+            return
+        self._percent = percent
+        message = SpeedLimit(percentage=True, speed_limit=float(percent) if percent < 100 else 0.0)
+        stamp = self._node.get_clock().now().nanoseconds
+        encode.fill_header(message.header, stamp, self._node.params.mapping.map_frame)
+        self._node.publish(_SPEED_LIMIT, message)
 
     def _accept(self, action: Any, handle: Any) -> None:
         """Plan to a new goal, in place of the one before."""

@@ -20,7 +20,7 @@ from nav_msgs.msg import Path
 from nav_msgs.srv import GetPlan
 from tf2_msgs.msg import TFMessage
 
-from heightmap25d_msgs.msg import HeightGrid, PlanStatus
+from heightmap25d_msgs.msg import HeightGrid, PlanStatus, UpperSurfaces
 from heightmap25d_ros.io import encode
 from heightmap25d_ros.nodes import qos, runtime
 from heightmap25d_ros.nodes.interface import Action, Input, Output, Service
@@ -35,6 +35,7 @@ from heightmap25d_ros.planning.planner import compile_kernels
 from heightmap25d_ros.viz import markers
 
 _FIELD_PERIOD = 1.0  # [s] between two fields at the least
+_SPEED_PERIOD = 0.2  # [s] between two limits of the speed at the least
 
 
 class PlanningNode(ManagedNode):
@@ -42,7 +43,7 @@ class PlanningNode(ManagedNode):
 
     NAME = "planning"
     PARAMETERS = (
-        "traversability", "planner", "planning", "mapping.map_frame", "intake.base_frame",
+        "traversability", "planner", "planning", "levels", "mapping.map_frame", "intake.base_frame",
         "intake.pose_source", "intake.odom_frame", "intake.odom_gap",
         "intake.timeout",
     )  # fmt: skip
@@ -50,6 +51,7 @@ class PlanningNode(ManagedNode):
     def inputs(self) -> list[Input]:
         """The map, the robot and its goals."""
         return [
+            Input(UpperSurfaces, "upper_surfaces", self._on_upper_surfaces, qos.LATCHED),
             Input(HeightGrid, "height_grid", self._on_map, qos.LATCHED, is_needed=True),
             *pose_inputs(
                 self.params.intake, self._on_odometry, self._on_transforms, self.flatness
@@ -68,6 +70,7 @@ class PlanningNode(ManagedNode):
             Output(Path, "plan", qos.LATCHED),
             Output(PlanStatus, "~/status", qos.LATCHED),
             Output(PoseArray, "~/field", qos.LATCHED),
+            *([] if self._server is None else self._server.outputs()),
         ]
 
     def offered_services(self) -> list[Service]:
@@ -98,6 +101,8 @@ class PlanningNode(ManagedNode):
         """Publish the field now and then; look for silence by the node's clock."""
         self.create_timer(self.params.intake.timeout / CHECKS, self._pass_time)
         self.create_wall_timer(_FIELD_PERIOD, self._publish_field)
+        if self._server is not None:
+            self.create_wall_timer(_SPEED_PERIOD, self._limit_speed)
 
     def take_params(self) -> None:
         """Apply new parameters; the goal is kept, and planned to again where they ask for it."""
@@ -131,6 +136,9 @@ class PlanningNode(ManagedNode):
 
     def _on_map(self, message: HeightGrid) -> None:
         self._publish(self._planning.take_map(message))
+
+    def _on_upper_surfaces(self, message: UpperSurfaces) -> None:
+        self._publish(self._planning.take_upper_surfaces(message))
 
     def _on_odometry(self, message: Any) -> None:
         self._publish(self._planning.take_odometry(message))
@@ -175,6 +183,10 @@ class PlanningNode(ManagedNode):
         self._planning.pass_time(now)
         if self._plan is not None and bool(self._planning.staleness) != self._is_stale:
             self._publish_status(self._plan, now)
+
+    def _limit_speed(self) -> None:
+        if self._server is not None and self._plan is not None:
+            self._server.limit_speed(self._plan)
 
     def _publish_field(self) -> None:
         """The newest plan's field, if somebody wants to see it."""

@@ -40,7 +40,7 @@ def flatten(params: Params) -> dict[str, tuple[Spec, Value]]:
 _LIVE = (
     "sensor.min_range", "sensor.max_range", "sensor.no_return", "sensor.clearing_range",
     "sensor.min_height", "sensor.max_height", "traversability.", "planner.", "planning.",
-    "mapping.publish_rate", "mapping.max_cells", "mapping.autosave",
+    "mapping.publish_rate", "mapping.max_cells", "mapping.autosave", "mapping.slice",
     "registration.min_", "registration.max_",
 )  # fmt: skip
 

@@ -54,12 +54,24 @@ def values_in(path: Path, node: str) -> dict[str, Any]:
         If the file cannot be read or is not a parameter file.
     """
     values: dict[str, Any] = {}
-    for name, block in _mapping(path, "the file", read_yaml_file(path)).items():
-        body = _mapping(path, name, block).get("ros__parameters")
+    tree = _mapping(path, "the file", read_yaml_file(path))
+    for name, body in _blocks(path, tree):
         block_values = dict(_dotted(_mapping(path, f"{name}.ros__parameters", body)))
-        if str(name).rpartition("/")[2] in ("**", "*", node):
+        if name.rpartition("/")[2] in ("**", "*", node):
             values |= block_values
     return values
+
+
+def _blocks(path: Path, tree: Mapping[str, Any], namespace: str = "") -> Iterator[tuple[str, Any]]:
+    """The name of each node of a parameter file and what is below it; namespaces may be nested."""
+    for key, block in tree.items():
+        name = f"{namespace}{key}"
+        inner = _mapping(path, name, block)
+        is_namespace = inner and all(isinstance(value, dict) for value in inner.values())
+        if is_namespace and "ros__parameters" not in inner:
+            yield from _blocks(path, inner, f"{name}/")
+        else:
+            yield name, inner.get("ros__parameters")
 
 
 def _mapping(path: Path, name: str, value: Any) -> dict[str, Any]:

@@ -165,6 +165,21 @@ class MapperParams(Section):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class LevelsParams(Section):
+    """Several surfaces in a cell, one above the other: bridges, gates, decks."""
+
+    max_surfaces: int = parameter(
+        3, "surfaces that a cell may hold one above the other; 1: only the lowest, as in the paper",
+        low=1, high=8,
+    )  # fmt: skip
+    clear_height: float = parameter(
+        0.70, "clear height that the robot needs: a surface at least this far above another one is "
+        "a level of its own, what is nearer stands on it", "m",
+        low=0.11, high=100.0,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class TraversabilityParams(Section):
     """Limits of what the robot can drive over."""
 
@@ -369,6 +384,12 @@ class MappingParams(Section):
         "and small",
         low=256, high=1e9,
     )  # fmt: skip
+    slice: str = parameter(
+        "robot",
+        "level of map and cost_map, where surfaces lie one above the other: that on which the "
+        "robot is, followed along the surface; the highest or the lowest one of each cell",
+        choices=("robot", "top", "lowest"),
+    )
     localization_layers: bool = parameter(
         True, "whether the map keeps mean heights and places of returns, which localization uses"
     )
@@ -404,6 +425,25 @@ class PlanningParams(Section):
     planner_ids: tuple[str, ...] = parameter(
         ("GridBased",), "names that Nav2's actions may call this planner by; no name is right, too"
     )
+    speed_limit_ahead: float = parameter(
+        0.0,
+        "speed_limit of Nav2's controllers follows from the ground this far ahead along the path; "
+        "0: none is published", "m",
+        low=0.0, high=50.0,
+    )  # fmt: skip
+    gentle_slope: float = parameter(
+        0.1, "the speed is not limited up to this slope, and to least_speed at max_slope", "rad",
+        low=0.0, high=1.5,
+    )  # fmt: skip
+    gentle_roughness: float = parameter(
+        0.02,
+        "the speed is not limited up to this roughness, and to least_speed at max_roughness", "m",
+        low=0.0, high=10.0,
+    )  # fmt: skip
+    least_speed: float = parameter(
+        0.3, "share of its full speed at which the robot drives over the worst and unknown ground",
+        low=0.05, high=1.0,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -821,6 +861,7 @@ class Params:
     grid: GridParams = field(default_factory=GridParams)
     sensor: SensorParams = field(default_factory=SensorParams)
     mapper: MapperParams = field(default_factory=MapperParams)
+    levels: LevelsParams = field(default_factory=LevelsParams)
     traversability: TraversabilityParams = field(default_factory=TraversabilityParams)
     planner: PlannerParams = field(default_factory=PlannerParams)
     intake: IntakeParams = field(default_factory=IntakeParams)

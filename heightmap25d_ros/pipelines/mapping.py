@@ -27,6 +27,7 @@ from heightmap25d_ros.pipelines.scan_queue import Reading, ScanQueue
 from heightmap25d_ros.pipelines.self_check import Finding, findings_of_drive
 from heightmap25d_ros.pipelines.silence import LOCALIZATION, Silence
 from heightmap25d_ros.terrain.obstacle_grid import ObstacleGrid, covering
+from heightmap25d_ros.terrain.shown_level import ShownLevel
 from heightmap25d_ros.terrain.traversability import ObstacleMap
 
 GIVEN_UP = 60
@@ -45,7 +46,7 @@ def compile_kernels(params: Params) -> None:
     """
     if params.intake.cloud_topics:
         cloud.compile_kernels()
-    scratch = HeightGrid(replace(params.grid, extent=_SCRATCH_EXTENT))
+    scratch = HeightGrid(replace(params.grid, extent=_SCRATCH_EXTENT), levels=params.levels)
     beam = np.array([[0.0, 0.0, 1.0]])
     Mapper(scratch, params.sensor, params.mapper).integrate(
         sensor_model.Beams(
@@ -106,6 +107,7 @@ class Mapping:
         self._is_lost = self._is_localized = False
         self._silence = Silence([LOCALIZATION], params.intake.timeout)
         self._layers: LocalizationLayers | None = None
+        self._robot: tuple[float, float, float] | None = None  # its position in the map
         self.clear()
 
     def clear(self, content: HeightMap | None = None, layers: LayerMap | None = None) -> None:
@@ -121,12 +123,12 @@ class Mapping:
             If the content does not fit the grid; the running map stays.
         """
         if content is None:
-            grid = HeightGrid(self._params.grid)
+            grid = HeightGrid(self._params.grid, levels=self._params.levels)
             self._queue.correction.begin_anew()
         else:
             x, y = content.geometry.cell_corner(np.floor_divide(content.geometry.shape, 2))
             anchor = (float(x), float(y), content.geometry.ground_zero)
-            grid = HeightGrid(self._params.grid, anchor)
+            grid = HeightGrid(self._params.grid, anchor, self._params.levels)
             grid.write(content)
         self._has_begun = False
         self._use_grid(grid)
@@ -171,6 +173,9 @@ class Mapping:
     def _use_params(self) -> None:
         self._mapper = Mapper(self.grid, self._params.sensor, self._params.mapper)
         self._obstacles = ObstacleGrid(self.grid.geometry, self._params.traversability)
+        self._level = ShownLevel(
+            self._params.mapping.slice, self._params.levels, self._params.traversability
+        )
         self._changed = covering(_NO_TILES)
         self.grid.mark_changed()
 
@@ -268,6 +273,8 @@ class Mapping:
     def maps(self, max_cells: float | None = None) -> tuple[HeightMap, ObstacleMap]:
         """Height map and converted map of all that was observed; of an unknown tile at first.
 
+        The converted map is that of one level, see ``mapping.slice``.
+
         Where one wild pose has stretched it to more than ``mapping.max_cells``, what is far off and
         small is left out, see `HeightGrid.main_area`.
 
@@ -317,7 +324,10 @@ class Mapping:
         return changed
 
     def _convert(self) -> None:
-        tiles = self._obstacles.update(self.grid, self._params.mapper.probability_threshold)
+        threshold = self._params.mapper.probability_threshold
+        shown = self.grid.main_area(self._params.mapping.max_cells)
+        self._level.update(self.grid, threshold, shown, self._robot)
+        tiles = self._obstacles.update(self.grid, threshold, self._level)
         self._changed = self._changed.hull(covering(tiles))
 
     def layers(self, geometry: Geometry) -> LayerMap | None:
@@ -396,13 +406,16 @@ class Mapping:
         self.merged["returns"] += result.hits
         self.dropped.record("return: more than 327 m from ground zero", count=result.out_of_range)
         self.dropped.record("return: beyond grid.extent", count=result.outside)
+        self.dropped.record("return: above levels.max_surfaces", count=result.surplus)
         self.stamp_ns = reading.scan.stamp_ns
+        self._robot = tuple(reading.T_map_base[-1][:3, 3].tolist())
 
     def _begin(self, T_map_base: se3.Matrix) -> None:
         """Anchor an empty map at the robot, on ground that no laser sees under and around it."""
         if not self.grid.observed_cells:
             resolution = self._params.grid.resolution
-            self._use_grid(HeightGrid(self._params.grid, anchor_at(T_map_base[:3, 3], resolution)))
+            anchor = anchor_at(T_map_base[:3, 3], resolution)
+            self._use_grid(HeightGrid(self._params.grid, anchor, self._params.levels))
             radius = self._params.mapping.start_radius
             if radius > 0.0:
                 self._mapper.integrate(

@@ -5,17 +5,16 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-
-import numpy as np
+from functools import partial
 
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.exploration.boundary import Boundary, confined
 from heightmap25d_ros.grid.height_map import HeightMap
-from heightmap25d_ros.params.sections import PlannerParams, TraversabilityParams
-from heightmap25d_ros.planning.graph import transition_graph
-from heightmap25d_ros.planning.plan import Plan, Pose2D, Status, pose_2d
+from heightmap25d_ros.params.sections import Params, PlannerParams
+from heightmap25d_ros.planning.level_planner import LevelPlanner, planner_over
+from heightmap25d_ros.planning.plan import Plan, Pose2D, Status, joined, pose_2d
 from heightmap25d_ros.planning.planner import Planner
 
 
@@ -25,8 +24,7 @@ class MapPlanner:
     Parameters
     ----------
     height_map : HeightMap
-    terrain : TraversabilityParams
-    params : PlannerParams
+    params : Params
     boundary : Boundary, optional
         That the robot's middle does not leave.
 
@@ -36,20 +34,15 @@ class MapPlanner:
     """
 
     def __init__(
-        self,
-        height_map: HeightMap,
-        terrain: TraversabilityParams,
-        params: PlannerParams,
-        boundary: Boundary | None = None,
+        self, height_map: HeightMap, params: Params, boundary: Boundary | None = None
     ) -> None:
         self.height_map = height_map
-        self._terrain = terrain
         self._params = params
         self._boundary = boundary
-        self._planner: Planner | None = None
+        self._planner: Planner | LevelPlanner | None = None
         self._lock = threading.Lock()
 
-    def get(self, params: PlannerParams | None = None) -> Planner:
+    def get(self, params: PlannerParams | None = None) -> Planner | LevelPlanner:
         """The planner; with other parameters of the search, where some are given.
 
         Raises
@@ -59,12 +52,16 @@ class MapPlanner:
         """
         with self._lock:
             if self._planner is None:
-                graph = transition_graph(self.height_map, self._terrain, self._params)
-                if self._boundary is not None:
-                    graph = confined(graph, self._boundary)
-                self._planner = Planner(graph, self._terrain, self._params)
+                settings, boundary = self._params, self._boundary
+                self._planner = planner_over(
+                    self.height_map,
+                    settings.levels,
+                    settings.traversability,
+                    settings.planner,
+                    None if boundary is None else partial(confined, boundary=boundary),
+                )
             own = self._planner
-        return own if params is None else Planner(own.graph, self._terrain, params)
+        return own if params is None else own.with_params(params)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,22 +109,3 @@ class PathRequest:
             legs.append(leg)
             start = pose_2d(leg.poses[-1])
         return joined(legs)
-
-
-def joined(legs: Sequence[Plan]) -> Plan:
-    """One plan of plans with paths, each of which begins where the one before ends.
-
-    The place where two meet is there once.
-    """
-    first, *others = legs
-    return replace(
-        legs[-1],
-        reason="; ".join(leg.reason for leg in legs if leg.reason),
-        seconds=sum(leg.seconds for leg in legs),
-        poses=np.concatenate([first.poses, *(leg.poses[1:] for leg in others)]),
-        length=sum(leg.length for leg in legs),
-        climb=sum(leg.climb for leg in legs),
-        steepest_slope=max(leg.steepest_slope for leg in legs),
-        least_clearance=min(leg.least_clearance for leg in legs),
-        cost=sum(leg.cost for leg in legs),
-    )

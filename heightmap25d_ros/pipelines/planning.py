@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.exploration.boundary import Boundary
@@ -21,12 +22,16 @@ from heightmap25d_ros.io import decode
 from heightmap25d_ros.io.decode import Odometry
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.drops import Drops
+from heightmap25d_ros.pipelines.level_map import LevelMap
 from heightmap25d_ros.pipelines.map_frames import MapFrames
 from heightmap25d_ros.pipelines.mission import Mission, best_direction
 from heightmap25d_ros.pipelines.path_requests import MapPlanner, PathRequest
 from heightmap25d_ros.pipelines.silence import ODOMETRY, Silence
+from heightmap25d_ros.pipelines.speed_limit import ahead_of, speed_share
 from heightmap25d_ros.pipelines.transform_buffer import Missing
+from heightmap25d_ros.planning.level_planner import LevelPlanner
 from heightmap25d_ros.planning.plan import Plan, Pose2D, Status, pose_2d
+from heightmap25d_ros.terrain.slices import LevelFollower
 
 MOTION = 0.3
 """How far the robot moves before the direction of its motion is looked at [m]."""
@@ -57,6 +62,8 @@ class Planning:
         self._params = params
         self._frames = MapFrames(params, self.dropped)
         self._silence = Silence([ODOMETRY], params.intake.timeout)
+        self._map = LevelMap(params.mapping.map_frame, self.dropped)
+        self._level = LevelFollower()
         self._over_map: MapPlanner | None = None
         self._waiting_goal: Odometry | None = None
         self._mission: Mission | None = None
@@ -64,8 +71,12 @@ class Planning:
 
     def take_map(self, message: Any) -> Plan | None:
         """Take a heightmap25d_msgs/HeightGrid; a plan where the map asks for another one."""
-        frame = self._params.mapping.map_frame
-        height_map = self.dropped.decoded("map", lambda m: decode.height_map(m, frame), message)
+        height_map = self._map.take_lowest(message)
+        return None if height_map is None else self.set_map(height_map)
+
+    def take_upper_surfaces(self, message: Any) -> Plan | None:
+        """Take what is above the next map, or above the one that has come; a plan as above."""
+        height_map = self._map.take_upper(message)
         return None if height_map is None else self.set_map(height_map)
 
     def set_map(self, height_map: HeightMap) -> Plan | None:
@@ -146,10 +157,7 @@ class Planning:
         return self._checked()
 
     def _use_map(self, height_map: HeightMap) -> None:
-        params = self._params
-        self._over_map = MapPlanner(
-            height_map, params.traversability, params.planner, self._boundary
-        )
+        self._over_map = MapPlanner(height_map, self._params, self._boundary)
 
     def plan_between(self, start: Pose2D, goal: Pose2D, tolerance: float = 0.0) -> Plan:
         """Plan from any pose to any pose, whatever goal is set.
@@ -230,6 +238,14 @@ class Planning:
             return None
         return nearest + bisect_left(range(1, ahead), True, key=is_blocked)
 
+    def speed_share(self, plan: Plan) -> float:
+        """The share of its full speed for a robot on a path, by `speed_limit`; 1 without one."""
+        robot, ahead = self._robot(), self._params.planning.speed_limit_ahead
+        if not (plan.found and ahead) or robot is None or self._over_map is None:
+            return 1.0
+        poses = ahead_of(plan.poses, _nearest(plan.poses, robot), ahead)
+        return speed_share(poses, self._over_map.height_map, self._params)
+
     def _path_in_map(self, path: Any) -> NDArray[np.float64]:
         """(N, 4, 4) the poses of a nav_msgs/Path in the map, by the transform at its stamp."""
         frame = decode.frame_name(path.header.frame_id, "header.frame_id")
@@ -247,7 +263,7 @@ class Planning:
         T = self._frames.in_map(pose)
         if isinstance(T, Missing):
             raise _RefusedError(_without_transform(field, self._frames.unconnected(pose, T)))
-        return pose_2d(T)
+        return _place_2d(T, pose)
 
     def _lacking(self) -> Plan:
         """What is waited for, as a plan without a path."""
@@ -261,8 +277,12 @@ class Planning:
         return _without_transform("goal_pose", lacking + kept)
 
     def _robot(self) -> Pose2D | None:
+        """Where the robot is, at the z of its level as far as that is known."""
         T = self._frames.robot()
-        return None if T is None else pose_2d(T)
+        if T is None:
+            return None
+        pose = pose_2d(T)
+        return replace(pose, z=T[2, 3] + self._level.offset)
 
     def _began(self) -> Plan | None:
         """Plan to the goal that waits, once there are a map, a pose, and the goal's transform."""
@@ -275,7 +295,7 @@ class Planning:
         self._waiting_goal = None
         if isinstance(T, Missing):
             return _without_transform("goal_pose", self._frames.unconnected(waiting, T))
-        goal = pose_2d(T)
+        goal = _place_2d(T, waiting)
         return self._replaced(goal, robot, self._planned(goal, robot, self._over_map))
 
     def _planned(self, goal: Pose2D, robot: Pose2D, over_map: MapPlanner) -> Plan:
@@ -283,6 +303,10 @@ class Planning:
             planner = over_map.get()
         except InputError as error:
             return Plan(status=Status.UNKNOWN, reason=str(error))
+        if isinstance(planner, LevelPlanner) and robot.z is not None:
+            z = robot.z - self._level.offset
+            self._level.surface(planner.levels.stack, robot.x, robot.y, z)
+            robot = replace(robot, z=z + self._level.offset)
         return planner.plan(robot, goal, is_robot_there=True, is_field_wanted=True)
 
     def _replaced(self, goal: Pose2D, robot: Pose2D, plan: Plan) -> Plan:
@@ -374,10 +398,20 @@ class _RefusedError(Exception):
         self.plan = plan
 
 
+def _place_2d(T: se3.Matrix, given: Odometry) -> Pose2D:
+    """A given pose in the map; its z counts unless it is 0, as it is where it was set in 2-D."""
+    place = pose_2d(T)
+    return replace(place, z=None) if given.T[2, 3] == 0.0 else place
+
+
 def _is_same(before: HeightMap, after: HeightMap) -> bool:
     """Whether two maps say the same of all cells."""
     return (
         before.geometry == after.geometry
         and np.array_equal(before.known, after.known)
+        and all(
+            np.array_equal(getattr(before.upper, name), getattr(after.upper, name))
+            for name in ("cell", "top", "bottom")
+        )
         and np.array_equal(before.height[before.known], after.height[before.known])
     )

@@ -7,5 +7,5 @@
 to go and `route` the cheapest cells, `smoothing` makes an any-angle path of them, `collision` and
 `rectangle_check` check the robot's rectangle along the path, and `surface_poses` puts it on the
 ground. `refusals` are the reasons why there is no path. `planner` runs all of it; `plan` are its
-data types.
+data types. `level_graph` and `level_planner` do the same over a map with several levels.
 """

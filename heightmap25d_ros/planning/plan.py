@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 
 import numpy as np
@@ -31,16 +31,19 @@ class Pose2D:
     x, y : float [m], map
     yaw : float [rad], optional
         None: along the path.
+    z : float [m], map, optional
+        Tells which level of a map with several is meant; elsewhere it is not used.
 
     Examples
     --------
     >>> Pose2D(4.0, 0.0, yaw=math.pi / 2)
-    Pose2D(x=4.0, y=0.0, yaw=1.5707963267948966)
+    Pose2D(x=4.0, y=0.0, yaw=1.5707963267948966, z=None)
     """
 
     x: float
     y: float
     yaw: float | None = None
+    z: float | None = None
 
 
 def as_pose(name: str, place: Pose2D | Sequence[float]) -> Pose2D:
@@ -61,7 +64,8 @@ def as_pose(name: str, place: Pose2D | Sequence[float]) -> Pose2D:
 
 def pose_2d(T: se3.Matrix) -> Pose2D:
     """A pose (4, 4) seen from above."""
-    return Pose2D(x=float(T[0, 3]), y=float(T[1, 3]), yaw=math.atan2(T[1, 0], T[0, 0]))
+    x, y, z = (float(coordinate) for coordinate in T[:3, 3])
+    return Pose2D(x=x, y=y, yaw=math.atan2(T[1, 0], T[0, 0]), z=z)
 
 
 def in_cells(pose: Pose2D, geometry: Geometry) -> tuple[float, float, float]:
@@ -135,3 +139,22 @@ class Plan:
     def found(self) -> bool:
         """Whether there is a path."""
         return self.status is Status.NONE
+
+
+def joined(legs: Sequence[Plan]) -> Plan:
+    """One plan of plans with paths, each of which begins where the one before ends.
+
+    The place where two meet is there once.
+    """
+    first, *others = legs
+    return replace(
+        legs[-1],
+        reason="; ".join(leg.reason for leg in legs if leg.reason),
+        seconds=sum(leg.seconds for leg in legs),
+        poses=np.concatenate([first.poses, *(leg.poses[1:] for leg in others)]),
+        length=sum(leg.length for leg in legs),
+        climb=sum(leg.climb for leg in legs),
+        steepest_slope=max(leg.steepest_slope for leg in legs),
+        least_clearance=min(leg.least_clearance for leg in legs),
+        cost=sum(leg.cost for leg in legs),
+    )

@@ -31,8 +31,8 @@ from heightmap25d_ros.planning.rectangle_check import (
     line_fits,
 )
 from heightmap25d_ros.planning.refusals import no_path, no_way_out
-from heightmap25d_ros.planning.route import Route, cheapest_route, nearest_reachable, to_cell
-from heightmap25d_ros.planning.search import SearchTimeoutError
+from heightmap25d_ros.planning.route import Route, cheapest_route, nearest_reachable
+from heightmap25d_ros.planning.search import SearchTimeoutError, to_cell
 from heightmap25d_ros.planning.smoothing import (
     SPACING,
     headings,
@@ -112,6 +112,10 @@ class Planner:
         """
         terrain, params = terrain or TraversabilityParams(), params or PlannerParams()
         return cls(transition_graph(height_map, terrain, params), terrain, params)
+
+    def with_params(self, params: PlannerParams) -> Planner:
+        """The same planner with another goal tolerance or timeout."""
+        return Planner(self.graph, self._terrain, params)
 
     def plan(
         self,

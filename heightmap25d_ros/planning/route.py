@@ -18,6 +18,7 @@ from heightmap25d_ros.planning.search import (
     CostToGo,
     SearchTimeoutError,
     cost_to_go,
+    to_cell,
 )
 from heightmap25d_ros.planning.start_clearing import ClearedStart, offsets
 
@@ -105,8 +106,3 @@ def nearest_reachable(
         return None
     iy, ix = np.unravel_index(np.where(is_candidate, distance, np.inf).argmin(), area.shape)
     return int(iy) + area.iy, int(ix) + area.ix
-
-
-def to_cell(index: NDArray[np.float64] | NDArray[np.int64]) -> Cell:
-    """Row and column as whole numbers."""
-    return int(index[0]), int(index[1])

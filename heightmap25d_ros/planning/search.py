@@ -72,6 +72,11 @@ class SearchTimeoutError(Exception):
     """The search did not finish before its deadline."""
 
 
+def to_cell(index: NDArray[np.float64] | NDArray[np.int64]) -> Cell:
+    """Row and column as whole numbers."""
+    return int(index[0]), int(index[1])
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class CostToGo:
     """The cost to go of each cell: the field around a goal.
@@ -120,6 +125,7 @@ def cost_to_go(
     *,
     start: Cell | None = None,
     deadline: float | None = None,
+    links: NDArray[np.int32] | None = None,
 ) -> CostToGo:
     """The cost to go of all cells, or of those that A* needs for one start.
 
@@ -135,6 +141,9 @@ def cost_to_go(
         those of other cells may be too high, or `UNREACHABLE`.
     deadline : float [s], optional
         Of `time.monotonic`.
+    links : (rows + 2, columns + 2) int32, optional
+        For each cell the flat index, with the border, of another one that is the same place and
+        has the same cost to go; 0: none. Not together with a start.
 
     Raises
     ------
@@ -159,7 +168,8 @@ def cost_to_go(
     # The last entry of each bucket's stack, 0 where it is empty; and the entries: a cell (row and
     # column, 16 bits each) over its cost to go when it was queued.
     tops = np.zeros(_RING, np.int32)
-    entries = np.empty(_ENTRIES_PER_CELL * rows * columns + _CHUNK * (_RING + 2), np.int64)
+    per_cell = _ENTRIES_PER_CELL + (links is not None)
+    entries = np.empty(per_cell * rows * columns + _CHUNK * (_RING + 2), np.int64)
     is_guided = start is not None
     start_y, start_x = (start[0] + 1, start[1] + 1) if start is not None else (0, 0)
     y, x = goal[0] + 1, goal[1] + 1
@@ -172,7 +182,8 @@ def cost_to_go(
     # that was never used.
     state = np.array([0, 0, 2 * _CHUNK], np.int64)
     arrays = incoming.reshape(-1), remaining.reshape(-1), columns, tops, entries, state
-    while _search(*arrays, offset, start_y, start_x) == _AGAIN:
+    flat_links = None if links is None else links.reshape(-1)
+    while _search(*arrays, flat_links, offset, start_y, start_x) == _AGAIN:
         if deadline is not None and time.monotonic() > deadline:
             raise SearchTimeoutError
     return CostToGo(incoming, remaining)
@@ -189,9 +200,12 @@ def _estimate(dy, dx):
 # times as long as the search.
 @kernel
 def _search(  # noqa: C901, PLR0912, PLR0913, PLR0915
-    incoming, remaining, columns, tops, entries, state, offset, start_y, start_x
+    incoming, remaining, columns, tops, entries, state, links, offset, start_y, start_x
 ):
-    """Expand up to `_SLICE` cells; without an estimate if the start is in row 0, the border."""
+    """Expand up to `_SLICE` cells; without an estimate if the start is in row 0, the border.
+
+    Without links, numba leaves out the branches that test for them.
+    """
     # Offsets of the neighbours in the flat arrays.
     hops = (
         1, columns + 1, columns, columns - 1, -1, -columns - 1, -columns, 1 - columns,
@@ -229,12 +243,20 @@ def _search(  # noqa: C901, PLR0912, PLR0913, PLR0915
         for k in range(8):
             step = np.int64(incoming[_at(8 * cell + k)])
             cheaper |= ((step != CLOSED) & (cost + step < remaining[_at(cell + hops[k])])) << k
+        if links is not None:
+            twin = np.int64(links[_at(cell)])
+            cheaper |= ((twin != 0) & (cost < remaining[_at(twin)])) << 8
         while cheaper != 0:
             k = lowest_bit(cheaper)  # type: ignore[call-arg]
             cheaper &= cheaper - 1
-            dy, dx = NEIGHBOURS[k]
+            dy, dx = NEIGHBOURS[k & 7]
             hop = dy * columns + dx
             there, left = cell + hop, cost + np.int64(incoming[_at(8 * cell + k)])
+            position = packed + (dy << 16) + dx
+            if links is not None:  # noqa: SIM102 - numba leaves out tests of this alone only
+                if k == 8:
+                    there, left = np.int64(links[_at(cell)]), cost
+                    position = there // columns << 16 | there % columns
             remaining[_at(there)] = left
             # It is expanded soon, and the data for that is far apart in memory.
             prefetch(incoming, 8 * there)
@@ -253,7 +275,7 @@ def _search(  # noqa: C901, PLR0912, PLR0913, PLR0915
                     chunk, unused = unused, unused + _CHUNK
                 entries[_at(chunk)] = top
                 new = chunk + 1
-            entries[_at(new)] = (packed + (dy << 16) + dx) << 32 | (left & 0xFFFFFFFF)
+            entries[_at(new)] = position << 32 | (left & 0xFFFFFFFF)
             tops[_at(slot)] = new
     state[0], state[1], state[2] = bucket, free, unused
     return _AGAIN

@@ -4,5 +4,6 @@
 
 `steps` finds blocked transitions between cells, `ground_plane` slope and roughness under the
 footprint, `gap_filling` fills narrow unknown gaps. `traversability` makes the obstacle map of a
-dense map, and `obstacle_grid` keeps that of a growing one up to date.
+dense map, and `obstacle_grid` keeps that of a growing one up to date. `slices` are the levels of a
+map with several surfaces in a cell, and `shown_level` is the one of a growing map that is shown.
 """

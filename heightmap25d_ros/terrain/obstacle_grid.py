@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from heightmap25d_ros.grid.height_grid import TILE, HeightGrid, TiledArray
 from heightmap25d_ros.grid.height_map import Area, Geometry
 from heightmap25d_ros.params.sections import TraversabilityParams
+from heightmap25d_ros.terrain.shown_level import ShownLevel
 from heightmap25d_ros.terrain.traversability import (
     OCCUPIED,
     ObstacleMap,
@@ -54,8 +55,17 @@ class ObstacleGrid:
         self._cost = TiledArray(tiles, np.int8)
         self._blocked = TiledArray(tiles, np.uint8)
 
-    def update(self, grid: HeightGrid, probability_threshold: float) -> NDArray[np.int64]:
+    def update(
+        self, grid: HeightGrid, probability_threshold: float, level: ShownLevel | None = None
+    ) -> NDArray[np.int64]:
         """Convert the area that changes of the grid since the last update can affect.
+
+        Parameters
+        ----------
+        grid : HeightGrid
+        probability_threshold : float
+        level : ShownLevel, optional
+            The surfaces to convert; the lowest ones, by default.
 
         Returns
         -------
@@ -65,7 +75,10 @@ class ObstacleGrid:
         tiles = self._influenced(grid.take_changed(), grid)
         for area in _areas(tiles):
             window = area.grown(self._influence)
-            converted = to_obstacle_map(grid.read(probability_threshold, window), self._params)
+            heights = grid.read(probability_threshold, window)
+            if level is not None:
+                heights = level.seen_in(heights, window)
+            converted = to_obstacle_map(heights, self._params)
             inside = area.slices(window)
             self._cost.write(area, converted.cost[inside] + np.int8(1))
             self._blocked.write(area, converted.blocked[inside])

@@ -11,6 +11,7 @@ from matplotlib.colors import Normalize
 from numpy.typing import NDArray
 
 from heightmap25d_ros.grid.height_map import PROBABILITY_SCALE, Geometry, HeightMap
+from heightmap25d_ros.grid.levels import NO_UPPER, UpperSurfaces
 from heightmap25d_ros.viz import palette
 
 _SHADE_TOP, _SHADE_SIDE_X, _SHADE_SIDE_Y = 1.0, 0.72, 0.55
@@ -126,7 +127,20 @@ def coarser(shown: HeightMap, max_cells: int) -> HeightMap:
         geometry=replace(shown.geometry, resolution=resolution, shape=shape),
         height=merged,
         probability=np.where(merged > lowest, np.uint16(PROBABILITY_SCALE), np.uint16(0)),
+        upper=_highest_of(replace(shown.upper, cell=shown.upper.cell // factor)),
     )
+
+
+def _highest_of(upper: UpperSurfaces) -> UpperSurfaces:
+    """The highest of the surfaces that are in one cell, from the lowest bottom up."""
+    cells, inverse = np.unique(upper.cell, axis=0, return_inverse=True)
+    if not len(cells):
+        return NO_UPPER
+    top = np.full(len(cells), np.iinfo(np.int16).min, np.int16)
+    bottom = np.full(len(cells), np.iinfo(np.int16).max, np.int16)
+    np.maximum.at(top, inverse.ravel(), upper.top)
+    np.minimum.at(bottom, inverse.ravel(), upper.bottom)
+    return UpperSurfaces.of(cells, top, bottom)
 
 
 def _quad(*corners: tuple[NDArray[np.float64], ...]) -> NDArray[np.float64]:

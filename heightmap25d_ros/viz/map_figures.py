@@ -242,6 +242,7 @@ def observed_part(shown: HeightMap) -> HeightMap:
         geometry=shown.geometry.part(area),
         height=shown.height[part],
         probability=shown.probability[part],
+        upper=shown.upper.part(area.iy, area.ix, *area.shape),
     )
 
 

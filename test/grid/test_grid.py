@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,8 @@ from properties import draws
 
 from heightmap25d_ros.grid.height_grid import TILE, HeightGrid, TiledArray
 from heightmap25d_ros.grid.height_map import Area, Geometry, HeightMap
-from heightmap25d_ros.params.sections import GridParams
+from heightmap25d_ros.grid.levels import UpperSurfaces
+from heightmap25d_ros.params.sections import GridParams, LevelsParams
 
 GEOMETRY = Geometry(resolution=0.5, origin=(-1.0, 2.0), shape=(4, 6))
 indices = st.integers(-40, 40)
@@ -126,7 +128,8 @@ def test_an_extent_without_enough_addresses_is_refused_with_its_parameter():
 import resource
 resource.setrlimit(resource.RLIMIT_AS, (4 << 30, 4 << 30))
 from heightmap25d_ros.grid.height_grid import HeightGrid
-from heightmap25d_ros.params.sections import GridParams
+from heightmap25d_ros.grid.levels import UpperSurfaces
+from heightmap25d_ros.params.sections import GridParams, LevelsParams
 HeightGrid(GridParams(extent=16384.0))
 """
     result = run(program)
@@ -141,7 +144,8 @@ def test_memory_follows_what_is_written_and_not_the_extent():
 import numpy as np
 from heightmap25d_ros.grid.height_grid import HeightGrid
 from heightmap25d_ros.grid.height_map import Geometry, HeightMap
-from heightmap25d_ros.params.sections import GridParams
+from heightmap25d_ros.grid.levels import UpperSurfaces
+from heightmap25d_ros.params.sections import GridParams, LevelsParams
 def resident():
     return int(open("/proc/self/statm").read().split()[1]) * 4096
 grid = HeightGrid(GridParams(extent=4096.0))
@@ -215,3 +219,58 @@ def test_of_two_specks_the_one_at_the_anchor_stays():
         area = grid.main_area(TILE**2)
         assert grid.geometry.cell_corner((area.iy, area.ix)).tolist() == [0.0, 0.0]
         assert area.shape == (TILE, TILE)
+
+
+def deck_map(iy, ix, rows, columns, seed=0):
+    """Ground with up to three surfaces above in some cells, anywhere in the grid."""
+    rng = np.random.default_rng(seed)
+    cells = np.argwhere(rng.random((rows, columns)) < 0.3)
+    cells = np.repeat(cells, rng.integers(1, 4, len(cells)), axis=0)
+    top = 100 * (1 + np.arange(len(cells))) % 3000
+    geometry = HeightGrid().geometry.part(Area(iy, ix, rows, columns))
+    flat = HeightMap.from_metres(np.zeros((rows, columns)), origin=geometry.origin)
+    upper = UpperSurfaces.of(cells, top, top - 30, 40000 + np.arange(len(cells)))
+    return replace(flat, upper=upper)
+
+
+@pytest.mark.parametrize("place", [(16400, 16390, 20, 33), (16391, 16405, 7, 50)])
+def test_surfaces_above_the_lowest_ones_are_written_and_read(place):
+    written = deck_map(*place)
+    grid = HeightGrid(levels=LevelsParams(max_surfaces=4))
+    grid.write(deck_map(*place, seed=1))  # is replaced
+    grid.write(written)
+    read = grid.read(area=Area(*place))
+    for name in ("cell", "top", "bottom", "probability"):
+        np.testing.assert_array_equal(
+            getattr(read.upper, name), getattr(written.upper, name), err_msg=name
+        )
+    part = grid.read(area=Area(place[0] + 3, place[1] + 5, 2, 11)).upper
+    expected = written.upper.part(3, 5, 2, 11)
+    np.testing.assert_array_equal(part.cell, expected.cell)
+    np.testing.assert_array_equal(part.top, expected.top)
+
+
+def test_of_more_surfaces_than_the_grid_has_layers_the_lower_ones_are_kept():
+    written = deck_map(16400, 16390, 20, 33)
+    grid = HeightGrid(levels=LevelsParams(max_surfaces=2))
+    grid.write(written)
+    read = grid.read(area=Area(16400, 16390, 20, 33)).upper
+    lower = written.upper.where(written.upper.rank == 0)
+    np.testing.assert_array_equal(read.top, lower.top)
+
+
+def test_what_is_beside_a_written_map_stays():
+    grid = HeightGrid(levels=LevelsParams(max_surfaces=4))
+    left, right = deck_map(16400, 16390, 5, 5), deck_map(16400, 16395, 5, 5, seed=2)
+    grid.write(left)
+    grid.write(right)
+    np.testing.assert_array_equal(
+        grid.read(area=Area(16400, 16390, 5, 5)).upper.top, left.upper.top
+    )
+
+
+def test_surfaces_that_are_none_are_refused():
+    with pytest.raises(ValueError, match="differ in length"):
+        UpperSurfaces.of([(0, 0)], top=[1, 2], bottom=[0, 0])
+    with pytest.raises(ValueError, match="a bottom is above its top"):
+        UpperSurfaces.of([(0, 0)], top=[1], bottom=[2])

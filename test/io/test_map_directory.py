@@ -28,6 +28,7 @@ from properties import draws
 
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_map import Geometry, HeightMap
+from heightmap25d_ros.grid.levels import UpperSurfaces
 from heightmap25d_ros.io import map_directory, trajectory
 
 GEOMETRY = Geometry(resolution=0.125, origin=(-2.0, -4.25), shape=(2, 3))
@@ -72,8 +73,8 @@ def map_server(directory: Path) -> SimpleNamespace:
     )
 
 
-def saved(directory: Path) -> Path:
-    map_directory.save(directory, height_map(), obstacle_map(), "map")
+def saved(directory: Path, **changes: Any) -> Path:
+    map_directory.save(directory, height_map(**changes), obstacle_map(), "map")
     return directory
 
 
@@ -274,7 +275,8 @@ def rewritten(directory: Path, **changes: Any) -> None:
     [
         ({"height": None}, "height is missing"),
         ({"format_version": None}, "format_version is missing"),
-        ({"format_version": 3}, "format_version is 3, neither 1 nor 2"),
+        ({"format_version": 4}, "format_version is 4, not within 1 .. 3"),
+        ({"format_version": 3, "z_offset": 0.0}, "upper_cell is missing"),
         ({"format_version": 2}, "z_offset is missing"),
         ({"format_version": 2, "z_offset": np.inf}, "not a place"),
         ({"format_version": np.array([1])}, "format_version is an array"),
@@ -509,3 +511,43 @@ def test_file_that_is_not_tum(tmp_path: Path, content: str) -> None:
         trajectory.read_tum(tmp_path / "nothing.tum")
     with pytest.raises(InputError, match="cannot be written"):
         trajectory.write_tum(tmp_path / "nothing" / "trajectory.tum", [])
+
+
+DECK = UpperSurfaces.of(
+    [(1, 2), (0, 0), (1, 2)], [500, 241, 240], [470, 210, 240], [65535, 60000, 33000]
+)
+
+
+def test_surfaces_above_the_lowest_ones_come_back(tmp_path: Path) -> None:
+    directory = saved(tmp_path / "garage", upper=DECK)
+    with np.load(directory / "height_grid.npz") as archive:
+        assert archive["format_version"] == 3
+    loaded = map_directory.load(directory).height_map
+    for name in ("cell", "top", "bottom", "probability"):
+        np.testing.assert_array_equal(getattr(loaded.upper, name), getattr(DECK, name))
+    np.testing.assert_array_equal(loaded.height, height_map().height)
+
+
+def test_a_map_of_one_level_is_the_file_that_it_was(tmp_path: Path) -> None:
+    with np.load(saved(tmp_path / "room") / "height_grid.npz") as archive:
+        assert not [name for name in archive.files if name.startswith("upper")]
+        assert archive["format_version"] == 1
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"upper_cell": np.array([[0, 3]] * 3, np.int32)}, "upper_cell holds cells outside"),
+        ({"upper_cell": np.array([[0, -1]] * 3, np.int32)}, "upper_cell holds cells outside"),
+        ({"upper_cell": np.zeros((2, 2), np.int32)}, "differ in length"),
+        ({"upper_cell": np.zeros((3, 2))}, "upper_cell is an array"),
+        ({"upper_top": np.full(3, 32767, np.int16)}, "upper_top holds values beyond"),
+        ({"upper_bottom": np.full(3, 600, np.int16)}, "upper_bottom holds values beyond"),
+        ({"upper_probability": np.full(3, np.nan, np.float32)}, "upper_probability holds"),
+    ],
+)
+def test_upper_surfaces_that_are_none(tmp_path: Path, changes: dict[str, Any], reason: str) -> None:
+    directory = saved(tmp_path / "garage", upper=DECK)
+    rewritten(directory, **changes)
+    with pytest.raises(InputError, match=reason):
+        map_directory.load(directory)

@@ -3,6 +3,7 @@
 """Messages of rclpy and of rosbags, sound and unsound; what is published, byte by byte."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -23,6 +24,7 @@ from scipy.spatial.transform import Rotation
 
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_map import Geometry, HeightMap, stored_probability
+from heightmap25d_ros.grid.levels import UpperSurfaces
 from heightmap25d_ros.io import decode, encode
 from heightmap25d_ros.planning.plan import Plan, Status
 
@@ -504,3 +506,50 @@ def test_commands_and_paths_of_others_are_finite_and_not_endless():
     for far in (2e5, 1e9, 1e300):
         with pytest.raises(InputError, match="poses"):
             decoded(path((0.0, 0.0), (far, 0.0)))
+
+
+DECK = UpperSurfaces.of(
+    [(1, 2), (0, 0), (1, 2)], [500, 241, 240], [470, 210, 240], [65535, 60000, 33000]
+)
+
+
+def upper_message(type_of, **changes):
+    message = type_of("heightmap25d_msgs/msg/UpperSurfaces")()
+    shown = HeightMap.from_metres(np.zeros((2, 3)), origin=(5.0, -1.0))
+    encode.fill_upper_surfaces(message, replace(shown, upper=DECK), 12 * 10**9, "map")
+    for name, value in changes.items():
+        setattr(message, name, value)
+    return message
+
+
+def test_upper_surfaces_come_back():
+    geometry, upper = decode.upper_surfaces(upper_message(rclpy_type), "map")
+    assert geometry == Geometry(resolution=0.125, origin=(5.0, -1.0), shape=(2, 3))
+    for name in ("cell", "top", "bottom"):
+        np.testing.assert_array_equal(getattr(upper, name), getattr(DECK, name))
+    np.testing.assert_allclose(upper.probability, DECK.probability, atol=65535 / 255)
+    assert (upper.probability >= 65535 / 2).all()
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"cell": [0, 1]}, "top: 3 values for 2 surfaces"),
+        ({"cell": [0, 1, 6]}, "cell: 6 is not one of 3 x 2 cells"),
+        ({"bottom": [0, 0, 1000]}, "bottom: is above the top"),
+        ({"height_resolution": 0.1}, "height_resolution"),
+    ],
+)
+def test_upper_surfaces_that_are_none(changes, reason):
+    with pytest.raises(InputError, match=reason):
+        decode.upper_surfaces(upper_message(rclpy_type, **changes))
+
+
+def test_points_are_of_all_surfaces():
+    message, field = rclpy_type("sensor_msgs/msg/PointCloud2")(), rclpy_type(
+        "sensor_msgs/msg/PointField"
+    )  # fmt: skip
+    shown = replace(HeightMap.from_metres([[0.0, 0.0, np.nan], [0.0, 0.0, 0.0]]), upper=DECK)
+    encode.fill_height_points(message, field, shown, 0, "map")
+    points = np.frombuffer(message.data, "<f4").reshape(-1, 4)
+    assert sorted(points[:, 2].round(2).tolist()) == pytest.approx([0.0] * 5 + [2.4, 2.41, 5.0])

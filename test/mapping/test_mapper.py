@@ -11,15 +11,16 @@ from heightmap25d_ros.grid.height_grid import HeightGrid
 from heightmap25d_ros.grid.height_map import PROBABILITY_SCALE, Area
 from heightmap25d_ros.mapping.mapper import Mapper
 from heightmap25d_ros.mapping.sensor_model import Beams
-from heightmap25d_ros.params.sections import GridParams, MapperParams, SensorParams
+from heightmap25d_ros.params.sections import GridParams, LevelsParams, MapperParams, SensorParams
 
 GRID = GridParams(resolution=0.125, extent=64.0)
 SENSOR = SensorParams()
+ONE_LEVEL = LevelsParams(max_surfaces=1)
 RULES = ("paper", "candidate")
 
 
-def mapper(grid=GRID, sensor=SENSOR, **params):
-    return Mapper(HeightGrid(grid), sensor, MapperParams(**params))
+def mapper(grid=GRID, sensor=SENSOR, levels=ONE_LEVEL, **params):
+    return Mapper(HeightGrid(grid, levels=levels), sensor, MapperParams(**params))
 
 
 def beams(origin, ends, is_hit=True, is_lone=False):

@@ -122,10 +122,12 @@ def test_the_topics_agree_with_one_another(replayed):
     np.testing.assert_array_equal(known, np.array(cost.data) >= 0)
     assert (np.array(cost.data)[np.array(occupancy.data) == 100] == 100).all()
     cloud = np.frombuffer(points.data.tobytes(), np.float32).reshape(-1, 4)
-    assert points.width == len(cloud) == known.sum()
-    np.testing.assert_allclose(
-        np.sort(cloud[:, 2]), np.sort(np.array(grid.height)[known] * 0.01), atol=1e-5
-    )
+    upper = replayed.messages["upper_surfaces"]
+    assert upper.header == grid.header
+    assert upper.info == grid.info
+    tops = np.concatenate([np.array(grid.height)[known], np.array(upper.top)])
+    assert points.width == len(cloud) == len(tops)
+    np.testing.assert_allclose(np.sort(cloud[:, 2]), np.sort(tops * 0.01), atol=1e-5)
 
 
 def test_the_heights_are_the_saved_ones_and_the_stamp_is_the_newest_scans(replayed, short_bag):

@@ -17,6 +17,7 @@ from rclpy.action import ActionClient
 
 pytest.importorskip("nav2_msgs.action")
 from nav2_msgs.action import ComputePathThroughPoses, ComputePathToPose
+from nav2_msgs.msg import SpeedLimit
 from nav2_msgs.srv import ClearEntireCostmap, IsPathValid
 
 STANDING = ("-p", "intake.timeout:=600.0")  # its odometry is published once
@@ -74,7 +75,8 @@ class Navigator(Client):
 @pytest.fixture(scope="module")
 def navigator():
     client = Navigator("/nav")
-    with node_process("planning", *STANDING, namespace="/nav") as process:
+    limits = "-p", "planning.speed_limit_ahead:=2.0"
+    with node_process("planning", *STANDING, *limits, namespace="/nav") as process:
         for action in client.actions.values():
             client.wait(action.server_is_ready)
         client.show(np.zeros((80, 160)))
@@ -171,6 +173,28 @@ def test_a_path_is_valid_until_something_stands_in_it(navigator):
     assert 8.8 < places(result.path)[first, 0] < 10.5
     _, result = navigator.ask(ComputePathToPose, goal=pose_stamped(18.0, 5.0))
     assert check(result.path) == (True, [])
+    navigator.show(np.zeros((80, 160)))
+
+
+def test_the_speed_limit_follows_the_ground_ahead(navigator):
+    messages = []
+    navigator.node.create_subscription(SpeedLimit, "speed_limit", messages.append, 10)
+    ramp = 100.0 * np.maximum((np.arange(160) + 0.5) * 0.125 - 10.0, 0.0) * math.tan(0.27)
+    navigator.show(np.broadcast_to(ramp, (80, 160)))
+    _, result = navigator.ask(ComputePathToPose, goal=pose_stamped(18.0, 5.0))
+    assert len(result.path.poses) > 100
+
+    def drive_to(x):
+        navigator.publish("odom", odometry(10**9, (x, 5.0, 0.0), type_of=rclpy_type))
+
+    navigator.spin(1.0)
+    assert messages == []  # on level ground there has been no limit, and there is none
+    drive_to(13.0)
+    navigator.wait(lambda: messages)
+    assert messages[-1].percentage
+    assert messages[-1].speed_limit == pytest.approx(65.0, abs=5.0)
+    drive_to(START[0])
+    navigator.wait(lambda: messages[-1].speed_limit == 0.0)  # as Nav2 says "no limit"
     navigator.show(np.zeros((80, 160)))
 
 

@@ -20,6 +20,34 @@ def test_config_file_and_page_of_parameters_are_current():
     assert as_markdown(Params()) in (ROOT / "docs" / "interface.md").read_text()
 
 
+@pytest.mark.parametrize("path", sorted(CONFIG.glob("*.yaml")), ids=lambda path: path.name)
+@pytest.mark.parametrize("node", ["mapping", "localization", "planning"])
+def test_each_config_file_is_valid_for_each_node(path, node):
+    assert read_yaml(path, node) is not None
+
+
+def test_namespaces_of_a_parameter_file_may_be_nested(tmp_path):
+    path = tmp_path / "robots.yaml"
+    path.write_text("robot: {mapping: {ros__parameters: {mapping.publish_rate: 3.5}}}")
+    assert read_yaml(path, "mapping").mapping.publish_rate == 3.5
+    assert read_yaml(path, "planning") == Params()
+    path.write_text("robot: {mapping: {ros__parameters: [1]}}")
+    with pytest.raises(InputError, match=r"robot/mapping.ros__parameters is not a mapping"):
+        read_yaml(path, "mapping")
+
+
+def test_the_lifecycle_manager_of_nav2_starts_our_nodes_before_who_needs_them():
+    blocks = yaml.safe_load((CONFIG / "nav2.yaml").read_text())
+    parameters = {name: block.get("ros__parameters") for name, block in blocks.items()}
+    ours = ["mapping", "localization", "planning"]
+    assert parameters["lifecycle_manager"]["node_names"][:3] == ours
+    assert parameters["lifecycle_manager"]["bond_timeout"] == 0.0
+    assert not any(parameters[name]["autostart"] for name in ours)
+    assert set(parameters["lifecycle_manager"]["node_names"]) == {
+        name for name, block in parameters.items() if block and name != "lifecycle_manager"
+    }
+
+
 def test_the_config_file_gives_the_defaults():
     assert read_yaml(CONFIG / "heightmap25d.yaml", "mapping") == Params()
 
