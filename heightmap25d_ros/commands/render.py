@@ -15,10 +15,10 @@ from heightmap25d_ros.commands.common import (
     read_params,
     require_map,
 )
-from heightmap25d_ros.io import atomic_directory, map_directory
+from heightmap25d_ros.io import atomic_directory, map_directory, slam_file
 from heightmap25d_ros.io.trajectory import read_tum
 from heightmap25d_ros.terrain.traversability import to_obstacle_map
-from heightmap25d_ros.viz import map_figures
+from heightmap25d_ros.viz import map_figures, slam_figures
 
 
 def add_to(commands: Any) -> None:
@@ -30,7 +30,10 @@ def add_to(commands: Any) -> None:
 
 
 def _render(options: argparse.Namespace) -> Figures:
-    """Draw a map directory: heights, obstacles, and blocks as in Fig. 2(c) of the paper."""
+    """Draw a map directory: heights, obstacles, and blocks as in Fig. 2(c) of the paper.
+
+    Of a map without known poses also the drive, how well it is known, and the closed loops.
+    """
     settings = read_params(options)
     require_map(options.map)
     check_output(options.output)
@@ -40,8 +43,14 @@ def _render(options: argparse.Namespace) -> Figures:
         trajectory = read_tum(options.map / map_directory.TRAJECTORY)[:, 1:4]
     obstacles = to_obstacle_map(height_map, settings.traversability)
     names = [f"{name}.png" for name in ("height", "obstacles", "blocks")]
+    report = slam_file.load(options.map)
     with atomic_directory.adding(options.output) as new:
         map_figures.height_map(new / names[0], height_map, trajectory)
         map_figures.obstacle_map(new / names[1], obstacles, trajectory, height_map)
         map_figures.blocks(new / names[2], height_map, trajectory)
+        if report is not None and trajectory is not None:
+            names.append("drive.png")
+            covariances = slam_file.read_covariances(options.map, len(trajectory))
+            loops = slam_file.closed_loops(report)
+            slam_figures.drive(new / names[3], height_map, trajectory, covariances, loops)
     return {"pictures": [str(options.output / name) for name in names]}

@@ -11,6 +11,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from heightmap25d_ros.commands.common import (
     Figures,
     add_command,
@@ -94,5 +96,6 @@ def _report(result: SlamResult) -> dict[str, Any]:
         "distance_m": round(tracker.distance, 3),
         "unobserved_m": round(tracker.unobserved, 3),
         "disagreed_m": round(result.disagreed, 3),
+        "submaps_m": np.round(tracker.graph.poses[:, :2], 3).tolist(),
         "loops": [asdict(attempt) for attempt in tracker.attempts],
     }

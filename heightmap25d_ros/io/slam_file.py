@@ -21,9 +21,16 @@ from heightmap25d_ros.input_files import require_file
 from heightmap25d_ros.io._untrusted import as_input_error
 
 SLAM, COVARIANCE = "slam.json", "covariance.csv"
+CLOSED = "closed"
+"""Outcome of a search that found a loop, and was confirmed."""
+
 FORMAT_VERSION = 1
 
 _COLUMNS = "t,xx,xy,xyaw,yy,yyaw,yawyaw"
+_FIELDS: dict[str, type | tuple[type, ...]] = {
+    "poses": str, "distance_m": (int, float), "unobserved_m": (int, float),
+    "disagreed_m": (int, float), "submaps_m": list, "loops": list,
+}  # fmt: skip
 _UPPER = np.triu_indices(3)
 _HEIGHT_GRID = "height_grid.npz"
 
@@ -52,7 +59,46 @@ def load(directory: Path) -> dict[str, Any] | None:
         report = json.loads(path.read_text(encoding="utf-8"))
     if not isinstance(report, dict) or report.get("format_version") != FORMAT_VERSION:
         raise InputError(f"{path}: is not a report of format_version {FORMAT_VERSION}")
+    for name, kind in _FIELDS.items():
+        if not isinstance(report.get(name), kind):
+            raise InputError(f"{path}: {name} is missing, or not as in a report")
+    for loop in report["loops"]:
+        if not isinstance(loop, dict) or not isinstance(loop.get("outcome"), str):
+            raise InputError(f"{path}: loops holds what is no search for a loop")
     return report if report.get("height_grid_sha256") == _sha256(directory) else None
+
+
+def closed_loops(report: dict[str, Any]) -> list[tuple[Array, Array]]:
+    """Where the submaps (2,) [m] begin that were joined by loops.
+
+    Raises
+    ------
+    InputError
+        If the report names submaps that it does not have.
+    """
+    with as_input_error(SLAM):
+        starts = np.asarray(report["submaps_m"], np.float64).reshape(-1, 2)
+        closed = [loop for loop in report["loops"] if loop["outcome"] == CLOSED]
+        return [(starts[int(loop["first"])], starts[int(loop["second"])]) for loop in closed]
+
+
+def read_covariances(directory: Path, count: int) -> Array:
+    """(N, 3, 3) float64: as of `write_covariances`.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or damaged, or does not hold as many as poses.
+    """
+    path = directory / COVARIANCE
+    require_file(path)
+    with as_input_error(str(path)):
+        table = np.loadtxt(path, np.float64, delimiter=",", skiprows=1, ndmin=2)
+        if table.shape != (count, 1 + len(_UPPER[0])) or not np.isfinite(table).all():
+            raise InputError(f"{path}: does not hold {count} covariances")
+    found = np.zeros((count, 3, 3))
+    found[:, _UPPER[0], _UPPER[1]] = found[:, _UPPER[1], _UPPER[0]] = table[:, 1:]
+    return found
 
 
 def write_covariances(path: Path, stamps_ns: Sequence[int], covariances: Sequence[Array]) -> None:

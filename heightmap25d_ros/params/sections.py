@@ -585,6 +585,18 @@ class LocalizationParams(Section):
     map_directory: str = parameter(
         "", "directory of the long-term map; empty: from the topic long_term_grid"
     )
+    own_map: bool = parameter(
+        False, "localization on the map made so far, without a long-term map (SLAM); closed loops "
+        "move the pose at once"
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        Section.__post_init__(self)
+        if self.own_map and self.map_directory:
+            raise InputError(
+                "parameter localization.own_map: is of a robot without a map, and "
+                "localization.map_directory names one"
+            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

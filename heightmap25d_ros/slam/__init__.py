@@ -6,5 +6,6 @@
 corrected pose. What it has mapped is kept in `submaps` of some metres, each rigid in itself;
 `own_map` joins those around the robot for the scan filter and for searches. `loop_closure`
 finds the robot in older submaps, and `pose_graph` moves all of them to where they agree.
-`map_pass` holds the drive against the finished map once more.
+`own_map_localization` does all of this while the robot drives, `map_pass` holds a recorded drive
+against the finished map once more.
 """

@@ -119,6 +119,8 @@ class OwnMapTracker:
     params : Params
     T_map_odom : (4, 4) float64, optional
         Where the odometry's frame is in the map at first; the same by default.
+    is_recording : bool
+        Whether `placed` is kept, which grows with time.
 
     Attributes
     ----------
@@ -134,10 +136,18 @@ class OwnMapTracker:
         Travelled so far, as of `distance_travelled`.
     unobserved : float [m]
         Of these without an update that was accepted.
+    last : Registration or None
+        The last update by scans.
+    loops_closed : int
     """
 
-    def __init__(self, params: Params, T_map_odom: se3.Matrix | None = None) -> None:
+    def __init__(
+        self, params: Params, T_map_odom: se3.Matrix | None = None, *, is_recording: bool = True
+    ) -> None:
         self._params = params
+        self._is_recording = is_recording
+        self.last: Registration | None = None
+        self.loops_closed = 0
         self.submaps: list[Submap] = []
         self.graph = PoseGraph()
         self.attempts: list[LoopAttempt] = []
@@ -157,6 +167,8 @@ class OwnMapTracker:
         self._observed = 0.0  # [m] travelled at the last one that observed something
         self._is_contradicted = False
         self._drift = _Drift(params, self.estimate)
+        self._covariance_begun = np.zeros((3, 3))
+        self._inserted_ns = 0
         self._is_new_around = False
         self._pending: tuple[Edge, Found] | None = None
 
@@ -165,6 +177,26 @@ class OwnMapTracker:
         """Pose (4, 4) of the robot in the map."""
         assert self._T_odom_base is not None
         return np.asarray(self.estimate.T_map_odom @ self._T_odom_base)
+
+    def covariance(self) -> Array:
+        """(3, 3) float64: of x, y [m], yaw [rad] of the robot, seen from where it began."""
+        if not self.submaps:
+            return np.asarray(_START)
+        away = (self.T_map_base - self.submaps[-1].T_map_submap @ self.submaps[-1].start)[:2, 3]
+        lever = np.eye(3)
+        lever[0, 2], lever[1, 2] = -away[1], away[0]
+        return np.asarray(
+            lever @ self._covariance_begun @ lever.T + self._drift.covariance[:3, :3] + _START
+        )
+
+    def mend(self, T_map_odom: se3.Matrix) -> None:
+        """Odometry has jumped: its frame is now at a pose (4, 4), and the robot where it was."""
+        if self._waiting:
+            self._insert()
+        self.estimate.T_map_odom = T_map_odom
+        self._T_odom_base = None
+        self._window.clear()
+        self._views.clear()
 
     def integrate(self, beams: Beams, T_odom_base: se3.Matrix, stamp_ns: int) -> None:
         """Take a scan in, with its beams in odom and the pose (4, 4) of the robot at its end."""
@@ -185,8 +217,7 @@ class OwnMapTracker:
         if self._waiting:
             self._insert()
         if self.submaps:
-            stamp_ns = self.placed[-1].stamp_ns
-            self._next_submap(stamp_ns)
+            self._next_submap(self._inserted_ns)
 
     def poses(self) -> list[ScanPose]:
         """Where each scan was taken, by the submaps as they are now."""
@@ -229,6 +260,7 @@ class OwnMapTracker:
         found = self.estimate.update(
             returns, self._T_odom_base, self._landmarks, is_map_growing=True
         )
+        self.last = found
         self._is_new_around = found.known < _MOSTLY_KNOWN
         if found.reason in (Reason.ACCEPTED, Reason.UNOBSERVED):
             self._observed = self.distance
@@ -261,11 +293,12 @@ class OwnMapTracker:
             )  # fmt: skip
             if is_sure:
                 self.submaps[-1].integrate(placed)
-            self.placed.append(Placed(
-                waiting.stamp_ns, waiting.T_odom_base, len(self.submaps) - 1, T_submap_odom,
-                covariance, is_sure,
-            ))  # fmt: skip
-        stamp_ns = self._waiting[-1].stamp_ns
+            if self._is_recording:
+                self.placed.append(Placed(
+                    waiting.stamp_ns, waiting.T_odom_base, len(self.submaps) - 1, T_submap_odom,
+                    covariance, is_sure,
+                ))  # fmt: skip
+        stamp_ns = self._inserted_ns = self._waiting[-1].stamp_ns
         self._waiting.clear()
         slam = self._params.slam
         if self.distance - self._submap_begun >= slam.submap_length:
@@ -309,6 +342,7 @@ class OwnMapTracker:
             np.asarray(np.linalg.inv(turned)), distance=travelled,
         ))  # fmt: skip
         self._choose_active()
+        self._covariance_begun = self.graph.covariance(0, newest)[:3, :3]
         if self._params.slam.close_loops:
             self._look_back(stamp_ns)
 
@@ -402,6 +436,8 @@ class OwnMapTracker:
         self.graph.optimise()
         for submap, pose in zip(self.submaps, self.graph.poses, strict=True):
             submap.move_to(pose)
+        self.loops_closed += 1
+        self._covariance_begun = self.graph.covariance(0, len(self.submaps) - 1)[:3, :3]
         newest = self.submaps[-1]
         moved = newest.T_map_submap @ newest.start @ se3.inverse(before)
         self.estimate.T_map_odom = moved @ self.estimate.T_map_odom

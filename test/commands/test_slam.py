@@ -10,6 +10,7 @@ import pytest
 from repository import ROOT
 
 from heightmap25d_ros import cli, se3
+from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.io import decode, slam_file
 from heightmap25d_ros.io.bag import Bag
 from heightmap25d_ros.io.trajectory import read_tum
@@ -73,8 +74,41 @@ def test_a_report_of_another_map_is_none(tmp_path):
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "height_grid.npz").write_bytes(name.encode())
-    slam_file.write(tmp_path / "a", {"poses": "estimated"})
+    report = {
+        "poses": "estimated", "distance_m": 8.0, "unobserved_m": 0.0, "disagreed_m": 0.0,
+        "submaps_m": [[0.0, 0.0], [4.0, 0.0]],
+        "loops": [{"first": 0, "second": 1, "outcome": "closed"}],
+    }  # fmt: skip
+    slam_file.write(tmp_path / "a", report)
+    ((first, second),) = slam_file.closed_loops(slam_file.load(tmp_path / "a"))
+    np.testing.assert_array_equal([first, second], report["submaps_m"])
     assert slam_file.load(tmp_path / "a")["poses"] == "estimated"
     assert slam_file.load(tmp_path / "b") is None
     (tmp_path / "b" / "slam.json").write_text((tmp_path / "a" / "slam.json").read_text())
     assert slam_file.load(tmp_path / "b") is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "fault"),
+    [
+        ({"format_version": 2}, "format_version"),
+        ({"loops": {}}, "loops"),
+        ({"loops": [{}]}, "loops"),
+        ({"distance_m": "far"}, "distance_m"),
+    ],
+)
+def test_a_damaged_report_is_refused_by_name(tmp_path, changes, fault):
+    (tmp_path / "height_grid.npz").write_bytes(b"")
+    report = {
+        "poses": "estimated", "distance_m": 8.0, "unobserved_m": 0.0, "disagreed_m": 0.0,
+        "submaps_m": [], "loops": [],
+    }  # fmt: skip
+    slam_file.write(tmp_path, report | changes)
+    with pytest.raises(InputError, match=fault):
+        slam_file.load(tmp_path)
+
+
+@pytest.mark.slow
+def test_the_drive_is_drawn(mapped, tmp_path):
+    assert cli.main(["render", str(mapped), "-o", str(tmp_path)]) == 0
+    assert (tmp_path / "drive.png").stat().st_size > 10_000
