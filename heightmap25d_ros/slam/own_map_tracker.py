@@ -193,8 +193,9 @@ class OwnMapTracker:
         """Odometry has jumped: its frame is now at a pose (4, 4), and the robot where it was."""
         if self._waiting:
             self._insert()
+        if self._T_odom_base is not None:
+            self._T_odom_base = se3.inverse(T_map_odom) @ self.T_map_base
         self.estimate.T_map_odom = T_map_odom
-        self._T_odom_base = None
         self._window.clear()
         self._views.clear()
 
