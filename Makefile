@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := build
-.PHONY: build demo demo-loop test check bench bags lint clean help
+.PHONY: build demo demo-loop demo-explore test check bench bags lint clean help
 
 build: ## ROS 2 Jazzy, the Python packages, and both ROS packages under install/
 	@scripts/setup.sh
@@ -12,6 +12,9 @@ demo: build ## a recorded bag through the real nodes to a map, under out/demo/
 
 demo-loop: build ## a simulated robot maps a ramp, plans and drives back over it; out/closed_loop/
 	@source env.sh && python studies/closed_loop.py
+
+demo-explore: build ## a simulated robot explores a ramp and its surroundings; out/explored/
+	@source env.sh && heightmap25d explore ramp --seed 1 -o out/explored
 
 test: build ## all tests: 8 to 10 minutes on 2 cores
 	@source env.sh && python -m pytest -n auto --dist loadgroup test

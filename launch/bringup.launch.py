@@ -4,7 +4,6 @@
 
 from pathlib import Path
 
-import yaml
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch.substitutions import LaunchConfiguration
@@ -22,7 +21,9 @@ def start(context):
     argument = {name: LaunchConfiguration(name).perform(context) for name in names}
     if not Path(argument["params_file"]).is_file():
         raise ValueError(f"params_file:={argument['params_file']}: is not a file")
-    switches = {name: switch(name, argument[name]) for name in ("use_sim_time", "autostart")}
+    switches = {
+        name: bringup.is_true(name, argument[name]) for name in ("use_sim_time", "autostart")
+    }
     return [
         Node(
             package=bringup.PACKAGE,
@@ -38,14 +39,6 @@ def start(context):
         )
         for name in argument["nodes"].split() or bringup.default_nodes(argument["map"])
     ]
-
-
-def switch(name, text):
-    """True or false, as YAML has it: True, yes and on count as well."""
-    value = yaml.safe_load(text)
-    if not isinstance(value, bool):
-        raise ValueError(f"{name}:={text}: is neither true nor false")
-    return value
 
 
 def generate_launch_description():

@@ -67,6 +67,10 @@ def check_ros2(words):
         package, _, name = words[3].split("/")
         request = getattr(importlib.import_module(f"{package}.srv"), name).Request
         request(**yaml.safe_load(words[4]))
+    elif words[:2] == ["action", "send_goal"]:
+        package, _, name = words[-2].split("/")
+        goal = getattr(importlib.import_module(f"{package}.action"), name).Goal
+        goal(**yaml.safe_load(words[-1]))
     elif words[:2] == ["launch", "heightmap25d_ros"]:
         assert (ROOT / "launch" / words[2]).exists()
     elif words[0] not in {"bag", "lifecycle", "node", "param", "security", "topic", "run"}:

@@ -15,11 +15,15 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, NoReturn
 
+import yaml
+
 from heightmap25d_ros.commands.common import Figures, add_command, read_params
 from heightmap25d_ros.errors import NegativeResultError
 
 PACKAGE = "heightmap25d_ros"
-NODES = ("mapping", "planning", "localization", "markers", "simulator")
+NODES = (
+    "mapping", "planning", "localization", "exploration", "path_follower", "markers", "simulator",
+)  # fmt: skip
 EXIT_NODE_DIED = 1
 
 ARGUMENTS = {
@@ -31,6 +35,21 @@ ARGUMENTS = {
     "map)",
 }
 """What can be asked of a bringup, and what it means: of the command and of the launch file."""
+
+EXPLORATION_ARGUMENTS = {
+    "use_sim": ("true", "whether the robot is simulated, with known poses"),
+    "world": ("ramp", "where the simulated robot is"),
+    "seed": ("1", "of the world's details and of the noise"),
+    "rate": ("1.0", "times real time, of the simulator"),
+    "start": ("true", "whether to explore at once; false: by action or ~/start"),
+    "boundary": (
+        "",
+        "corners that the robot does not leave, as x,y,x,y,x,y (default: of the simulated world; "
+        "else exploration.boundary)",
+    ),
+    "follow": ("true", "whether path_follower drives; false: a controller of yours"),
+}
+"""What can be asked of launch/exploration.launch.py: default and meaning."""
 
 REMAPPINGS = (("/tf", "tf"), ("/tf_static", "tf_static"))
 """In a namespace transforms are the namespace's own, so that several robots do not mix."""
@@ -63,6 +82,65 @@ def map_parameters(node: str, map_directory: str) -> dict[str, str]:
     if map_directory and node == "localization":
         return {"localization.map_directory": str(path)}
     return {}
+
+
+def is_true(name: str, text: str) -> bool:
+    """What an argument says, as YAML has it: True, yes and on count as well.
+
+    Raises
+    ------
+    ValueError
+        If it says neither.
+    """
+    value = yaml.safe_load(text)
+    if not isinstance(value, bool):
+        raise ValueError(f"{name}:={text}: is neither true nor false")
+    return value
+
+
+def exploration_parameters(argument: dict[str, str]) -> dict[str, dict[str, Any]]:
+    """The nodes besides mapping and planning that explore, and the parameters of each.
+
+    Parameters
+    ----------
+    argument : dict of str to str
+        Values of `EXPLORATION_ARGUMENTS`.
+
+    Raises
+    ------
+    ValueError
+        If one cannot be used.
+    """
+    is_simulated = is_true("use_sim", argument["use_sim"])
+    common = {"use_sim_time": is_simulated}
+    explored: dict[str, Any] = {
+        **common,
+        "exploration.start_at_once": is_true("start", argument["start"]),
+    }
+    corners = [float(number) for number in argument["boundary"].split(",") if number]
+    if is_simulated and not corners:
+        corners = _extent(argument["world"], int(argument["seed"]))
+    if corners:
+        explored["exploration.boundary"] = corners
+    nodes: dict[str, dict[str, Any]] = {"exploration": explored}
+    if is_true("follow", argument["follow"]):
+        nodes["path_follower"] = common
+    if is_simulated:
+        nodes["simulator"] = {
+            "simulator.world": argument["world"],
+            "simulator.seed": int(argument["seed"]),
+            "simulator.rate": float(argument["rate"]),
+            "simulator.true_odometry": True,
+        }
+    return nodes
+
+
+def _extent(world: str, seed: int) -> list[float]:
+    """The corners of a simulated world."""
+    from heightmap25d_ros.simulation import recording  # noqa: PLC0415 - needs MuJoCo
+
+    (x0, x1), (y0, y1) = recording.world_of(world, seed).area
+    return [x0, y0, x1, y0, x1, y1, x0, y1]
 
 
 def add_to(commands: Any) -> None:

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.exploration import frontiers, sight
@@ -34,6 +35,12 @@ NEAR_LOOK = 3.0
 GIVEN_UP_RADIUS = 0.6
 """Places so near to one that was given up are not goals either [m]."""
 
+OPENING = 0.25
+"""Of ``min_gain``: so much of a way to new ground must a place show, to be worth the way."""
+
+LEDGE = 3.0
+"""Known cells that are higher than the ground beside them by so many steps are no ground."""
+
 _CHUNK = 400
 """Places whose gains are predicted at a time, those that promise most first."""
 
@@ -51,6 +58,7 @@ class Survey:
     frontiers : Frontiers
     scenery : Scenery
         With what is wanted.
+    occupied : (rows, columns) bool
     """
 
     geometry: Geometry
@@ -58,6 +66,7 @@ class Survey:
     costs: NDArray[np.float64]
     frontiers: Frontiers
     scenery: Scenery
+    occupied: NDArray[np.bool_]
 
     @property
     def cell_area(self) -> float:
@@ -196,42 +205,80 @@ class Explorer:
             reach=own.sight / geometry.resolution,
             blind=own.blind_radius / geometry.resolution,
         )
-        return Survey(geometry=geometry, robot=robot, costs=costs, frontiers=found, scenery=scenery)
+        return Survey(
+            geometry=geometry,
+            robot=robot,
+            costs=costs,
+            frontiers=found,
+            scenery=scenery,
+            occupied=graph.occupied,
+        )
 
     def choose(self, survey: Survey) -> Choice:
-        """The place that is worth most, among those of at least ``min_gain``."""
+        """The place that is worth most, among those of at least ``min_gain``.
+
+        Where there is none, that from which most is seen of ways to that much new ground.
+        """
+        own = self._params.exploration
+        choice = self._best(survey, survey.scenery, own.min_gain)
+        if choice.goal is not None:
+            return choice
+        opened = self._openings(survey)
+        if not opened.any():
+            return choice
+        scenery = replace(survey.scenery, wanted=survey.scenery.wanted & opened)
+        return self._best(survey, scenery, OPENING * own.min_gain)
+
+    def _openings(self, survey: Survey) -> NDArray[np.bool_]:
+        """Where the robot might come to ``min_gain`` of new ground."""
         own, side = self._params.exploration, survey.geometry.resolution
-        reach = math.ceil(survey.scenery.reach)
-        spacing = max(1, round(own.spacing / side))
-        cells = frontiers.viewpoints(
-            np.isfinite(survey.costs), survey.scenery.wanted, spacing, reach
+        allowed = self._boundary.mask(survey.geometry)
+        allowed &= survey.scenery.known | (self._looks_in(survey.geometry) < own.looks)
+        reachable = np.isfinite(survey.costs)
+        return frontiers.openings(
+            survey.occupied | self._out_of_reach(survey, reachable),
+            reachable,
+            allowed,
+            self._params.traversability.robot_radius / side,
+            math.ceil(own.min_gain / survey.cell_area),
         )
+
+    def _out_of_reach(self, survey: Survey, reachable: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Known cells too high or too low for a way there: walls of which no foot was seen."""
+        terrain = self._params.traversability
+        if not reachable.any():
+            return reachable
+        height = survey.scenery.height
+        away, nearest = ndimage.distance_transform_edt(~reachable, return_indices=True)
+        rise = np.abs(height - height[tuple(nearest)])
+        climbed = math.tan(terrain.max_slope) * survey.geometry.resolution * away
+        return np.asarray(survey.scenery.known & (rise > LEDGE * terrain.max_step + climbed))
+
+    def _best(self, survey: Survey, scenery: Scenery, least: float) -> Choice:
+        """The place with the highest utility that shows at least so much [m^2]."""
+        own, side = self._params.exploration, survey.geometry.resolution
+        reach = math.ceil(scenery.reach)
+        cells = frontiers.viewpoints(np.isfinite(survey.costs), max(1, round(own.spacing / side)))
         cells = cells[~self._are_given_up(survey.geometry, cells)]
-        costs = survey.costs[tuple(cells.T)]
-        discount = np.exp(-own.distance_weight * costs)
-        bound = frontiers.count_around(survey.scenery.wanted, cells, reach) * survey.cell_area
+        bound = frontiers.count_around(scenery.wanted, cells, reach) * survey.cell_area
+        cells, bound = cells[bound >= least], bound[bound >= least]
+        discount = np.exp(-own.distance_weight * survey.costs[tuple(cells.T)])
         order = np.argsort(-bound * discount, kind="stable")
-        order = order[bound[order] >= own.min_gain]
-        gains, best = np.empty(0), -1
+        cells, bound, discount = cells[order], bound[order], discount[order]
+        gains, utility = np.empty(0), np.zeros(0)
         # No place can be worth more than all that is wanted around it.
-        for begin in range(0, len(order), _CHUNK):
-            chunk = order[begin : begin + _CHUNK]
-            if (
-                best >= 0
-                and (bound * discount)[chunk[0]] <= (gains * discount[order[:begin]])[best]
-            ):
+        for begin in range(0, len(cells), _CHUNK):
+            if bound[begin] * discount[begin] <= utility.max(initial=0.0):
                 break
-            counted = sight.gains(survey.scenery, cells[chunk]) * survey.cell_area
+            counted = sight.gains(scenery, cells[begin : begin + _CHUNK]) * survey.cell_area
             gains = np.concatenate([gains, counted])
-            worth = np.where(gains >= own.min_gain, gains * discount[order[: len(gains)]], 0.0)
-            best = int(worth.argmax()) if worth.any() else -1
-        places = survey.geometry.cell_center(cells[order[: len(gains)]])
-        if best < 0:
+            utility = np.where(gains >= least, gains * discount[: len(gains)], 0.0)
+        places = survey.geometry.cell_center(cells[: len(gains)])
+        if not utility.any():
             return Choice(goal=None, gain=0.0, places=places, gains=gains)
-        x, y = places[best]
-        return Choice(
-            goal=Pose2D(float(x), float(y)), gain=float(gains[best]), places=places, gains=gains
-        )
+        best = int(utility.argmax())
+        goal = Pose2D(*places[best].tolist())
+        return Choice(goal=goal, gain=float(gains[best]), places=places, gains=gains)
 
     def note_look(self, survey: Survey) -> None:
         """The robot has turned around where it is: what should have been seen was looked for."""

@@ -22,6 +22,9 @@ from heightmap25d_ros.planning.start_clearing import ClearedStart
 
 _SIDES = ndimage.generate_binary_structure(2, 1)
 
+_RIM = 3
+"""Width of the ground that is only too near to the unknown [cells]."""
+
 Mask = NDArray[np.bool_]
 
 
@@ -104,6 +107,51 @@ def find(
     return Frontiers(wanted=np.asarray(wanted), border=np.asarray(border))
 
 
+def openings(occupied: Mask, reachable: Mask, allowed: Mask, radius: float, least: int) -> Mask:
+    """Where the robot might come to much new ground, if the unknown were free.
+
+    A door is narrow: the unknown that it shows is small, what is behind it may not be.
+
+    Parameters
+    ----------
+    occupied, reachable : (rows, columns) bool
+        As of `find`.
+    allowed : (rows, columns) bool
+        Cells elsewhere are not passed.
+    radius : float [cells]
+        Of the robot.
+    least : int [cells]
+        Of a part of the new ground.
+
+    Returns
+    -------
+    (rows, columns) bool
+        The new ground, and what the robot touches there.
+
+    Examples
+    --------
+    >>> occupied = np.array([[False, False, True, False, False, False]])
+    >>> reachable = np.array([[True, True, False, False, False, False]])
+    >>> openings(occupied, reachable, ~occupied, radius=0.0, least=1).any()
+    np.False_
+    >>> openings(occupied & False, reachable, occupied | True, radius=0.0, least=1).any()
+    np.True_
+    """
+    if not reachable.any():
+        return np.zeros_like(reachable)
+    clear = ndimage.distance_transform_edt(~np.pad(occupied, 1))[1:-1, 1:-1] > radius
+    passable = (clear & allowed) | reachable
+    parts, _ = ndimage.label(passable)
+    ground = passable & np.isin(parts, np.unique(parts[reachable]))
+    # Beside the reachable ground lies a rim that is only too near to the unknown.
+    new = ground & ~ndimage.binary_dilation(reachable, _SIDES, iterations=_RIM)
+    parts, _ = ndimage.label(new)
+    sizes = np.bincount(parts.ravel())
+    sizes[0] = 0
+    large = sizes[parts] >= least
+    return np.asarray(ndimage.binary_dilation(large, _SIDES, iterations=math.ceil(radius) + _RIM))
+
+
 def _spread(mask: Mask, cells: int, within: Mask) -> Mask:
     """A mask grown by so many steps over the sides of cells, within another one."""
     if cells == 0 or not mask.any():
@@ -111,30 +159,31 @@ def _spread(mask: Mask, cells: int, within: Mask) -> Mask:
     return np.asarray(ndimage.binary_dilation(mask, _SIDES, iterations=cells, mask=within))
 
 
-def viewpoints(reachable: Mask, wanted: Mask, spacing: int, reach: int) -> NDArray[np.int64]:
-    """(N, 2): cells of a lattice where the robot may be, with anything wanted within reach.
+def viewpoints(reachable: Mask, spacing: int) -> NDArray[np.int64]:
+    """(N, 2): the cells of a lattice at which the robot's centre may be.
 
     Parameters
     ----------
-    reachable, wanted : (rows, columns) bool
+    reachable : (rows, columns) bool
     spacing : int [cells]
         Of the lattice, which begins with the first row and column.
-    reach : int [cells]
     """
-    lattice = np.argwhere(reachable[::spacing, ::spacing]) * spacing
-    return lattice[count_around(wanted, lattice, reach) > 0]
+    return np.argwhere(reachable[::spacing, ::spacing]) * spacing
 
 
 def count_around(mask: Mask, cells: NDArray[np.int64], reach: int) -> NDArray[np.int64]:
     """(N,): how many cells of a mask are within a square around each cell (N, 2)."""
     rows, columns = mask.shape
-    sums = np.zeros((rows + 1, columns + 1), np.int64)
-    sums[1:, 1:] = mask.cumsum(axis=0).cumsum(axis=1)
+    sums = np.zeros((rows + 1, columns + 1), np.int32)
+    np.cumsum(mask, axis=1, dtype=np.int32, out=sums[1:, 1:])
+    for row in range(1, rows):  # in the order of memory, which numpy's own sum of rows is not
+        sums[row + 1] += sums[row]
     low = np.clip(cells - reach, 0, (rows, columns))
     high = np.clip(cells + reach + 1, 0, (rows, columns))
     return np.asarray(
         sums[high[:, 0], high[:, 1]]
         - sums[low[:, 0], high[:, 1]]
         - sums[high[:, 0], low[:, 1]]
-        + sums[low[:, 0], low[:, 1]]
+        + sums[low[:, 0], low[:, 1]],
+        np.int64,
     )

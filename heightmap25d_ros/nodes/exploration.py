@@ -242,9 +242,9 @@ class ExplorationNode(ManagedNode):
         self._tell()
 
     def _end_action(self) -> None:
-        """Send the result of the action that has ended."""
+        """Send the result of the action that has ended; there is nobody to send it at the end."""
         handle, self._goal = self._goal, None
-        if handle is not None:
+        if handle is not None and self.executor is not None:
             handle.execute(self._result)
 
     def _result(self, handle: Any) -> Explore.Result:
@@ -317,7 +317,7 @@ class ExplorationNode(ManagedNode):
 
     def _fill_places(self, marker: Marker, choice: Choice) -> None:
         """The more a place shows, the more opaque it is."""
-        worth = choice.gains >= self.params.exploration.min_gain
+        worth = choice.gains >= self._exploration.min_gain
         largest = float(choice.gains.max(initial=1e-9))
         colour = marker.color
         marker.points = [Point(x=x, y=y, z=_LIFT) for x, y in choice.places[worth].tolist()]

@@ -28,7 +28,7 @@ REACHED = 0.4
 _FACED = 0.3  # [rad] a heading is reached within it
 _MOVED = 0.1  # [m] and as many radians: less is no motion
 _PERIOD = 2.0  # [s] between two checks whether the goal is still worth its way
-_LEAST_LOOK = 0.3  # of min_gain: for less the robot does not turn
+_LEAST_LOOK = 0.1  # of min_gain: for less the robot does not turn
 _GIVEN_UP_IN_A_ROW = 5  # goals, without a motion between them: the robot is stuck
 _TRAIL = 2.0  # [m] between two places that are remembered
 _RESET = 0.5  # share of known cells that a map must keep, to be the same map
@@ -124,6 +124,12 @@ class Exploration:
     def elapsed(self) -> float:
         """Time since the start, without pauses [s]."""
         return self._run.elapsed if self._run is not None else 0.0
+
+    @property
+    def min_gain(self) -> float:
+        """Area that a place must be expected to show [m^2]."""
+        run = self._run
+        return self._params.exploration.min_gain if run is None else run.task.min_gain
 
     @property
     def corners(self) -> Array:
@@ -338,7 +344,9 @@ class Exploration:
 
     def _is_worth(self, run: _Run, survey: Survey, goal: Pose2D) -> bool:
         """Whether enough of a goal's gain is left, and the way to it open."""
-        least = max(run.task.min_gain, self._params.exploration.keep_gain * run.gain)
+        least = self._params.exploration.keep_gain * run.gain
+        if run.gain >= run.task.min_gain:  # else it is a way to more
+            least = max(least, run.task.min_gain)
         return survey.gain_of(goal) >= least and math.isfinite(survey.cost_of(goal))
 
     def _look_around(self, run: _Run, survey: Survey, robot: Pose2D) -> Pose2D | None:

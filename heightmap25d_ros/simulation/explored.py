@@ -64,6 +64,8 @@ class SimulatedExploration:
         Its odometry is taken for true.
     params : Params
     task : Task
+    exploration : Exploration, optional
+        One that chooses otherwise.
 
     Attributes
     ----------
@@ -72,9 +74,15 @@ class SimulatedExploration:
     record : Record
     """
 
-    def __init__(self, simulation: Simulation, params: Params, task: Task) -> None:
+    def __init__(
+        self,
+        simulation: Simulation,
+        params: Params,
+        task: Task,
+        exploration: Exploration | None = None,
+    ) -> None:
         self.mapping = Mapping(params)
-        self.exploration = Exploration(params)
+        self.exploration = exploration or Exploration(params)
         self.record = Record()
         self._simulation = simulation
         self._params = params

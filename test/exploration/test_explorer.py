@@ -52,6 +52,27 @@ def test_a_corridor_with_a_side_room():
     assert not visit.known[beyond].any()  # no door leads there
 
 
+def test_a_narrow_door_is_no_end():
+    """The unknown that is seen through it is less than ``min_gain``."""
+    height = room(14.0, 6.0)
+    height[at(height, (6.0, 6.5), (0.0, 6.0))] = WALL
+    height[at(height, (6.0, 6.5), (2.25, 3.75))] = 0.0
+    known = np.zeros(height.shape, bool)
+    known[at(height, (0.0, 6.5), (0.0, 6.0))] = True
+    shown = HeightMap.from_metres(np.where(known, height, np.nan), resolution=CELL)
+    explorer = Explorer(with_values(Params(), {"exploration.min_gain": 4.0}))
+    choice = explorer.choose(explorer.survey(shown, Pose2D(2.0, 3.0, yaw=0.0)))
+    assert choice.goal is not None
+    assert choice.gain < 4.0
+    small = height.copy()
+    small[at(height, (6.5, 14.0), (0.0, 6.0))] = WALL
+    known[:] = True
+    niche = at(height, (6.5, 7.5), (2.0, 4.0))
+    small[niche], known[niche] = 0.0, False
+    shown = HeightMap.from_metres(np.where(known, small, np.nan), resolution=CELL)
+    assert explorer.choose(explorer.survey(shown, Pose2D(2.0, 3.0, yaw=0.0))).goal is None
+
+
 def test_an_island_that_cannot_be_reached_does_not_keep_the_robot_busy():
     height = room(12.0, 12.0)
     height[at(height, (7.0, 11.0), (7.0, 11.0))] = -1.5  # a pit, with a plateau in its middle

@@ -60,11 +60,11 @@ def test_what_is_not_allowed_is_not_wanted_and_not_passed():
 def test_sums_over_squares(seed, spacing, reach):
     rng = np.random.default_rng(seed)
     mask = rng.random(rng.integers(1, 20, 2)) < 0.3
-    cells = frontiers.viewpoints(np.ones_like(mask), mask, spacing, reach)
+    cells = frontiers.viewpoints(np.ones_like(mask), spacing)
     counted = frontiers.count_around(mask, cells, reach)
     for (y, x), count in zip(cells, counted, strict=True):
         part = mask[max(y - reach, 0) : y + reach + 1, max(x - reach, 0) : x + reach + 1]
-        assert count == part.sum() > 0
+        assert count == part.sum()
         assert y % spacing == x % spacing == 0
 
 

@@ -1,0 +1,214 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""How far a robot drives to explore a world, against a tour that knows the world beforehand.
+
+Usage: python studies/measure_exploration.py [-o DIRECTORY] [--worlds W ...] [--seeds N ...]
+       [--nearest | --decisions]
+
+Each run is that of `heightmap25d explore`, with true poses, and ends by itself. Covered is the
+share of the true ground where the robot's middle may be, connected with the start, that is known
+in the map. Besides these the tour is computed: places chosen greedily from the true heights, until
+what a full turn shows from them covers the same share, ordered by 2-opt; it ends at its last place.
+
+--nearest runs the nearest frontier as well, by the rule of explore_lite (m-explore-ros2) with its
+defaults, over the same mapper, planner and controller.
+
+--decisions measures instead, by CPU time, how long it takes to choose a place on maps of 512 x 512
+and of 2048 x 2048 cells, three quarters of them known: the graph of the planner, the costs and the
+frontiers, and the gains.
+
+The directory (default: out/exploration) gets a JSON line for each run, and a picture of each.
+"""
+
+import argparse
+import json
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import full_knowledge_tour
+import numpy as np
+from nearest_frontier import NearestFrontier
+
+from heightmap25d_ros import se3
+from heightmap25d_ros.evaluation.path_drivability import evaluate_path
+from heightmap25d_ros.evaluation.truth import TrueGround
+from heightmap25d_ros.exploration.boundary import Boundary
+from heightmap25d_ros.exploration.explorer import Explorer
+from heightmap25d_ros.grid.height_map import Geometry, HeightMap
+from heightmap25d_ros.params import files
+from heightmap25d_ros.params.sections import Params
+from heightmap25d_ros.pipelines.exploration_task import Task
+from heightmap25d_ros.planning.graph import transition_graph
+from heightmap25d_ros.planning.plan import Pose2D
+from heightmap25d_ros.simulation import recording, truth
+from heightmap25d_ros.simulation.explored import SimulatedExploration
+from heightmap25d_ros.simulation.simulation import Simulation
+from heightmap25d_ros.viz import exploration_figures
+
+ROOT = Path(__file__).resolve().parent.parent
+WORLDS, SEEDS = ("room", "ramp", "rough", "street"), (11, 12, 13)
+SHARES = (0.9, 0.95)
+SCAN_RATE, STEP = 12.5, 0.02  # [Hz], [s]
+LONGEST = 3600.0  # [s], simulated
+TOLERANCE = 2.0  # [m] of the planner, for goals of explore_lite, which lie in the unknown
+
+
+class Run:
+    """One exploration, and how much of the true ground was known along it."""
+
+    def __init__(self, name, seed, params, explorer=None, distance_limit=0.0) -> None:
+        self.world = recording.world_of(name, seed)
+        (x0, x1), (y0, y1) = self.world.area
+        task = replace(
+            Task.of(params),
+            boundary=Boundary.of([(x0, y0), (x1, y0), (x1, y1), (x0, y1)]),
+            distance_limit=distance_limit,
+        )
+        simulation = Simulation(
+            self.world,
+            seed,
+            recording.noise_of(noise_free=False, true_odometry=True),
+            recording.mounted_lasers(SCAN_RATE, has_nodding=False),
+            step=STEP,
+        )
+        self.simulation = simulation
+        self.params, self.task = params, task
+        self.explored = SimulatedExploration(simulation, params, task, explorer)
+        self.height, self.reachable, _ = full_knowledge_tour.reachable_ground(self.world)
+        self.geometry = Geometry(
+            resolution=truth.RESOLUTION, origin=(x0, y0), shape=self.reachable.shape
+        )
+        self.cells = np.argwhere(self.reachable)
+        self.centers = self.geometry.cell_center(self.cells)
+
+    def covered(self, height_map):
+        """Share of the reachable ground that is known."""
+        there = height_map.geometry.cell_at(self.centers)
+        inside = height_map.geometry.contains(there)
+        return float(height_map.known[tuple(there[inside].T)].sum() / len(self.cells))
+
+    def figures(self):
+        """Run to the end."""
+        began = time.process_time()
+        self.explored.run(LONGEST)
+        record, exploration = self.explored.record, self.explored.exploration
+        curve = [(shot.distance, self.covered(shot.height_map)) for shot in record.snapshots]
+        poses = np.array([T for _, T in record.trajectory])
+        inside = self.task.boundary.mask(self.geometry)
+        cells = self.geometry.cell_at(poses[:, :2, 3])
+        ground = TrueGround(
+            geometry=self.geometry,
+            height=self.height,
+            clearance=np.full(self.height.shape, np.inf),
+        )
+        planner = self.params.planner
+        met = evaluate_path(
+            ground, se3.to_xyz_rpy(poses[::5])[:, [0, 1, 5]],
+            planner.robot_length, planner.robot_width,
+        )  # fmt: skip
+        found = {
+            "end": exploration.end.name,
+            "way_m": round(exploration.distance, 1),
+            "time_s": round(self.simulation.seconds, 1),
+            "covered": round(curve[-1][1], 4),
+            "reachable_m2": round(len(self.cells) * truth.RESOLUTION**2, 1),
+            "contacts": record.contacts,
+            "is_inside": bool(inside[tuple(cells.T)].all()),
+            "largest_step_m": round(met.largest_step_m, 3),
+            "given_up": len(exploration.given_up),
+            "cpu_s": round(time.process_time() - began, 1),
+        }
+        if record.decision_s:
+            found["decision_p95_ms"] = round(1e3 * float(np.percentile(record.decision_s, 95)), 1)
+        for share in SHARES:
+            reached = [way for way, covered in curve if covered >= share]
+            found[f"way_to_{share:g}_m"] = round(reached[0], 1) if reached else None
+        return found
+
+    def draw(self, path):
+        record = self.explored.record
+        driven = np.array([T[:2, 3] for _, T in record.trajectory])
+        given_up = self.explored.exploration.given_up
+        corners = self.task.boundary.corners
+        exploration_figures.draw(path, record.snapshots, driven, corners, given_up, self.params)
+
+
+def main() -> None:
+    options = parser().parse_args()
+    options.output.mkdir(parents=True, exist_ok=True)
+    params = files.read_yaml(ROOT / "config" / "atrvjr.yaml", "mapping")
+    topics = tuple(f"/{topic}" for topic in params.intake.scan_topics)
+    params = replace(params, intake=replace(params.intake, scan_topics=topics))
+    lines = options.output / "runs.jsonl"
+    if options.decisions:
+        for side in (512, 2048):
+            report(decisions(side), lines)
+        return
+    for name in options.worlds:
+        for seed in options.seeds:
+            run = Run(name, seed, params)
+            found = {"world": name, "seed": seed, "method": "gain", **run.figures()}
+            run.draw(options.output / f"{name}_{seed}.png")
+            for share in (0.95, min(found["covered"], 0.99)):
+                length, count = full_knowledge_tour.tour_length(run.world, share)
+                key = "tour_to_0.95" if share == 0.95 else "tour_to_end"
+                found |= {f"{key}_m": round(length, 1), f"{key}_places": count}
+            report(found, lines)
+            if options.nearest:
+                nearest = replace(params, planner=replace(params.planner, goal_tolerance=TOLERANCE))
+                limit = 4.0 * found["way_m"]
+                run = Run(name, seed, nearest, NearestFrontier(nearest), limit)
+                found = {"world": name, "seed": seed, "method": "nearest", **run.figures()}
+                report(found, lines)
+
+
+def decisions(side, count=10):
+    """CPU times [ms] of choices by a robot in the known part of a large map; 95th percentiles."""
+    rng = np.random.default_rng(0)
+    height = rng.normal(0.0, 0.01, (side, side))
+    for _ in range(side * side // 3000):
+        y, x = rng.integers(0, side - 12, 2)
+        rows, columns = rng.integers(2, 12, 2)
+        height[y : y + rows, x : x + columns] += rng.choice([0.3, 1.5])
+    for _ in range(side * side // 20000):
+        y, x = rng.integers(0, side - 60, 2)
+        rows, columns = rng.integers(10, 60, 2)
+        height[y : y + rows, x : x + columns] = np.nan
+    height[:, 3 * side // 4 :] = np.nan
+    height_map = HeightMap.from_metres(height, resolution=truth.RESOLUTION)
+    params, times = Params(), []
+    for _ in range(count + 1):  # the first one compiles
+        x, y = rng.uniform(3.0, 0.7 * side * truth.RESOLUTION, 2)
+        marks = [time.process_time()]
+        graph = transition_graph(height_map, params.traversability, params.planner)
+        marks.append(time.process_time())
+        explorer = Explorer(params)
+        survey = explorer.survey(height_map, Pose2D(float(x), float(y), yaw=0.0), graph)
+        marks.append(time.process_time())
+        explorer.choose(survey)
+        marks.append(time.process_time())
+        times.append([*np.diff(marks), marks[-1] - marks[0]])
+    p95 = 1e3 * np.percentile(times[1:], 95, axis=0)
+    names = ("graph_ms", "survey_ms", "choice_ms", "all_ms")
+    return {"cells": f"{side}^2", **dict(zip(names, p95.round(1).tolist(), strict=True))}
+
+
+def report(found, path):
+    with path.open("a") as lines:
+        lines.write(json.dumps(found) + "\n")
+    print(json.dumps(found), flush=True)
+
+
+def parser() -> argparse.ArgumentParser:
+    made = argparse.ArgumentParser(description="How far a robot drives to explore a world.")
+    made.add_argument("-o", "--output", type=Path, default=ROOT / "out" / "exploration")
+    made.add_argument("--worlds", nargs="+", default=WORLDS)
+    made.add_argument("--seeds", nargs="+", type=int, default=SEEDS)
+    made.add_argument("--nearest", action="store_true", help="run the nearest frontier as well")
+    made.add_argument("--decisions", action="store_true", help="measure the time of choices")
+    return made
+
+
+if __name__ == "__main__":
+    main()
