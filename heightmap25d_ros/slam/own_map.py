@@ -13,7 +13,6 @@ from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.grid.height_map import Area, HeightMap
 from heightmap25d_ros.localization.landmarks import Landmarks, landmarks_of
 from heightmap25d_ros.localization.layers import NAMES, LayerMap
-from heightmap25d_ros.localization.surface import Surface, surface_of
 from heightmap25d_ros.slam.submaps import Submap, joined
 
 
@@ -56,13 +55,6 @@ def landmarks_around(
 ) -> Landmarks:
     """Walls and ground of submaps around a position, see `surroundings`."""
     return landmarks_of(*surroundings(submaps, position, reach, resolution))
-
-
-def surface_around(
-    submaps: list[Submap], position: Array, reach: float, resolution: float, edge_step: float
-) -> Surface:
-    """Heights and edges of submaps around a position, see `surroundings`."""
-    return surface_of(surroundings(submaps, position, reach, resolution)[0], edge_step)
 
 
 def _nearest(submap: Submap, position: Array) -> Array:

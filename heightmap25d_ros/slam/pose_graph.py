@@ -12,7 +12,6 @@ which loops count.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -239,18 +238,6 @@ class PoseGraph:
         flat = [np.concatenate([part.ravel() for part in parts]) for parts in (rows, columns)]
         entries = np.concatenate([value.ravel() for value in values]), tuple(flat)
         return sparse.coo_matrix(entries, shape=(size, size)).tocsr(), gradient.ravel()
-
-
-def joined_all(graphs: Sequence[PoseGraph]) -> PoseGraph:
-    """One graph of several, their poses numbered one after the other; they are not connected."""
-    whole = PoseGraph()
-    for graph in graphs:
-        begin = len(whole.poses)
-        for pose in graph.poses:
-            whole.add(pose)
-        for edge in graph.edges:
-            whole.join(edge._replace(first=edge.first + begin, second=edge.second + begin))
-    return whole
 
 
 def _wrapped(yaw: Array) -> Array:
