@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := build
-.PHONY: build demo demo-loop demo-explore test check bench bags lint clean help
+.PHONY: build demo demo-loop demo-explore test check attack bench bags lint clean help
 
 build: ## ROS 2 Jazzy, the Python packages, and both ROS packages under install/
 	@scripts/setup.sh
@@ -17,11 +17,15 @@ demo-explore: build ## a simulated robot explores a ramp and its surroundings; o
 	@source env.sh && heightmap25d explore ramp --seed 1 -o out/explored
 
 test: build ## all tests: 8 to 10 minutes on 2 cores
-	@source env.sh && python -m pytest -n auto --dist loadgroup test
+	@source env.sh && python -m pytest -n auto --dist loadfile --no-loadscope-reorder test
 
 check: build ## style, types and the quick tests: a minute; before each commit
 	@source env.sh && ruff check && ruff format --check && mypy && \
-	  python -m pytest -q -m "not slow" -n auto --dist loadgroup test
+	  python -m pytest -q -m "not slow" -n auto --dist loadfile --no-loadscope-reorder test
+
+attack: build ## hostile input, kills, fuzzing and a soak, at length: hours; docs/reliability.md
+	@source env.sh && pip install -qq --constraint .venv/pins.txt \
+	  --requirement requirements/attack.txt && python test/attack/campaign.py
 
 bench: build ## the measurements, also as out/bench.json
 	@source env.sh && pip install -qq --constraint .venv/pins.txt \

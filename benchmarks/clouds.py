@@ -24,6 +24,7 @@ from heightmap25d_ros.io.decode import Odometry
 from heightmap25d_ros.params.by_name import with_values
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.mapping import Mapping
+from heightmap25d_ros.pose_interpolation import interpolate
 
 RINGS, COLUMNS = 128, 1024
 POINTS = RINGS * COLUMNS
@@ -69,7 +70,7 @@ def clouds(count: int = CLOUDS) -> list[np.ndarray]:
     made = []
     for index in range(count):
         start = START_NS + round(index * PERIOD * 1e9)
-        T_map_sensor = se3.interpolate(stamps, T_map_base, start + offsets) @ mount
+        T_map_sensor = interpolate(stamps, T_map_base, start + offsets) @ mount
         points = np.zeros((RINGS, COLUMNS), POINT)
         points["ring"] = np.arange(RINGS)[:, None]
         points["t"] = offsets
@@ -160,7 +161,7 @@ def _octomap_rate(made: list[np.ndarray]) -> float:
     seconds = 0.0
     for index, points in enumerate(made, 1):
         middle = START_NS + round((index + 0.5) * PERIOD * 1e9)
-        T = se3.interpolate(stamps, T_map_base, np.array([middle]))[0] @ se3.from_xyz_rpy(MOUNT)
+        T = interpolate(stamps, T_map_base, np.array([middle]))[0] @ se3.from_xyz_rpy(MOUNT)
         xyz = np.stack([points[name].ravel() for name in "xyz"], axis=1).astype(np.float64)
         ends = xyz[xyz.any(axis=1)] @ T[:3, :3].T + T[:3, 3]
         began = time.process_time()

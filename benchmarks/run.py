@@ -12,6 +12,7 @@ import tempfile
 from importlib.metadata import version
 from pathlib import Path
 
+import clouds
 import conversion
 import localization
 import localization_node
@@ -34,6 +35,8 @@ TARGETS = {
     ("mapping", "ours / OctoMap"): (">=", 100.0),
     ("mapping", "ours / numpy"): (">=", 15.0),
     ("mapping", "time of ours / time of C"): ("<=", 1.25),
+    ("clouds", "default: decode + merge p99 [ms]"): ("<=", 60.0),
+    ("clouds", "default: points/s"): (">=", 2.6e6),
     ("conversion", "scipy_max_min_per_step_obstacles"): (">=", 50.0),
     ("conversion", "step_obstacles_per_one_pass"): ("<=", 4.0),
     ("conversion", "convert_per_update_block"): (">=", 80.0),
@@ -70,6 +73,7 @@ def main() -> None:
     figures = {
         "machine": machine(),
         "mapping": mapping.measure(),
+        "clouds": clouds.measure(),
         "conversion": conversion.measure(),
         "memory": memory.measure(),
         "planning": planning.measure(),

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command line: the same core on a recorded bag, deterministic and without a ROS graph.
 
-This module imports hardly anything, so that Ctrl-C ends the process at once while the commands are
-imported, which takes seconds.
+This module imports hardly anything, and a command only where it is named. So ``--help`` comes at
+once, and Ctrl-C ends the process at once while a command is imported, which takes seconds.
 """
 
 from __future__ import annotations
@@ -14,23 +14,20 @@ import os
 import re
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from importlib import import_module
 from types import FrameType
 from typing import Any
 
 import argcomplete
 
+from heightmap25d_ros.commands import SUMMARIES
 from heightmap25d_ros.errors import InputError, NegativeResultError
 from heightmap25d_ros.version import VERSION
 
 EXIT_UNUSABLE = 2
 EXIT_INTERRUPTED = 130
-COMMANDS = (
-    "map", "localize", "slam", "plan", "convert", "render", "evaluate", "info", "view", "simulate",
-    "explore", "bringup",
-)  # fmt: skip
-"""The commands in the order of ``--help``; each is a module of `commands` with an ``add_to``."""
+_MODULES = {"import": "import_map"}  # the word is Python's
 REPLAY = "heightmap25d_ros.executables", "replay"
 
 
@@ -40,7 +37,7 @@ def main(arguments: list[str] | None = None) -> int:
     if arguments[:1] == ["replay"]:  # the node's own command line
         os.execv(sys.executable, [sys.executable, "-m", REPLAY[0], REPLAY[1], *arguments[1:]])
     while_starting = signal.signal(signal.SIGINT, _exit)
-    parser = _parser()
+    parser = _parser(os.environ.get("COMP_LINE", "").split() or arguments)
     signal.signal(signal.SIGINT, while_starting)
     argcomplete.autocomplete(parser)  # ends the process where a shell asks for completions
     options = parser.parse_args(_with_negative_coordinates(arguments))
@@ -70,18 +67,22 @@ def _exit(signal_number: int, frame: FrameType | None) -> None:
 
 
 def _with_negative_coordinates(arguments: list[str]) -> list[str]:
-    """Arguments in which ``--goal -4,0`` is ``--goal=-4,0``: argparse takes -4,0 for an option."""
+    """Arguments in which ``--goal -4,0`` is ``--goal=-4,0``: argparse takes -4,0 for an option.
+
+    It does not where a space comes first, which numbers may have.
+    """
     joined: list[str] = []
     for argument in arguments:
         is_coordinates = re.fullmatch(r"-[\d.][^ ]*,[^ ]*", argument)
         if is_coordinates and joined and joined[-1].startswith("--") and "=" not in joined[-1]:
             joined[-1] += f"={argument}"
         else:
-            joined.append(argument)
+            joined.append(f" {argument}" if is_coordinates else argument)
     return joined
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser(words: Collection[str] = tuple(SUMMARIES)) -> argparse.ArgumentParser:
+    """The parser of a command line; only commands that are named there are imported."""
     parser = argparse.ArgumentParser(
         prog="heightmap25d",
         description="2 1/2-D height maps from recorded laser bags.",
@@ -91,8 +92,11 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"heightmap25d {VERSION}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     commands.add_parser("replay", help="a bag on its topics, and /clock (needs ROS)")
-    for name in COMMANDS:
-        import_module(f"heightmap25d_ros.commands.{name}").add_to(commands)
+    for name, summary in SUMMARIES.items():
+        if name in words:
+            import_module(f"heightmap25d_ros.commands.{_MODULES.get(name, name)}").add_to(commands)
+        else:
+            commands.add_parser(name, help=summary)
     return parser
 
 

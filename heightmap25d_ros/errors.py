@@ -4,7 +4,7 @@
 
 from typing import Any
 
-_LONGEST = 2000
+_LONGEST, _LONGEST_QUOTED = 2000, 200
 
 
 def printable(text: str, longest: int = _LONGEST) -> str:
@@ -27,6 +27,17 @@ def printable(text: str, longest: int = _LONGEST) -> str:
     if cut.isprintable():
         return cut
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in cut)
+
+
+def quoted(value: Any) -> str:
+    """A foreign value as an error quotes it: short.
+
+    Examples
+    --------
+    >>> quoted(["x" * 1000])[-6:]
+    'xxx...'
+    """
+    return printable(repr(value), _LONGEST_QUOTED)
 
 
 class InputError(Exception):

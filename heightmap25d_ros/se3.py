@@ -72,53 +72,9 @@ def transform_points(pose: Matrix, points: Matrix) -> Matrix:
     return np.asarray(np.einsum("...ij,...j->...i", pose[..., :3, :3], points) + pose[..., :3, 3])
 
 
-def interpolate(stamps_ns: NDArray[np.int64], poses: Matrix, query_ns: ArrayLike) -> Matrix:
-    """Poses between poses: position linearly, orientation by slerp.
-
-    Parameters
-    ----------
-    stamps_ns : (K,) int64 [ns], strictly increasing
-    poses : (K, 4, 4) float64
-    query_ns : (N,) int64 [ns], inside ``[stamps_ns[0], stamps_ns[-1]]``
-
-    Returns
-    -------
-    (N, 4, 4) float64
-
-    Raises
-    ------
-    ValueError
-        If a query lies outside of the stamps: poses are never extrapolated.
-    """
-    query = np.asarray(query_ns, dtype=np.int64)
-    if query.min() < stamps_ns[0] or query.max() > stamps_ns[-1]:
-        raise ValueError("a pose was requested outside of the known stamps")
-    if len(stamps_ns) == 1:
-        return np.broadcast_to(poses[0], (len(query), 4, 4)).copy()
-    segment = np.clip(np.searchsorted(stamps_ns, query, side="right") - 1, 0, len(stamps_ns) - 2)
-    # Integers until the difference is taken: nanoseconds since 1970 do not fit into float64.
-    fraction = (query - stamps_ns[segment]) / np.diff(stamps_ns)[segment]
-    result = np.zeros((len(query), 4, 4))
-    position = poses[:, :3, 3]
-    result[:, :3, 3] = position[segment] + fraction[:, None] * np.diff(position, axis=0)[segment]
-    result[:, :3, :3] = _turned(poses[:, :3, :3], segment, fraction)
-    result[:, 3, 3] = 1.0
-    return result
-
-
-def _turned(rotation: Matrix, segment: NDArray[np.int64], fraction: Matrix) -> Matrix:
-    """Slerp: ``R0 exp(fraction * log(R0^T R1))`` in each segment, by Rodrigues' formula."""
-    start = rotation[:-1]
-    turn = Rotation.from_matrix(np.swapaxes(start, -1, -2) @ rotation[1:]).as_rotvec()
-    angle = np.linalg.norm(turn, axis=-1)
-    x, y, z = (turn / np.where(angle > 0.0, angle, 1.0)[:, None]).T
-    zero = np.zeros_like(x)
-    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(-1, 3, 3)
-    sine_part = start @ cross
-    cosine_part = sine_part @ cross
-    angle_now = (fraction * angle[segment])[:, None, None]
-    return np.asarray(
-        start[segment]
-        + np.sin(angle_now) * sine_part[segment]
-        + (1.0 - np.cos(angle_now)) * cosine_part[segment]
-    )
+def correction_about(pose: Matrix, shift: ArrayLike, yaw: float) -> Matrix:
+    """The motion (4, 4) that shifts a pose (4, 4) by (3,) [m] and turns it by a yaw [rad]."""
+    turn = from_xyz_rpy([0.0, 0.0, 0.0, 0.0, 0.0, yaw])
+    position = pose[:3, 3]
+    turn[:3, 3] = position - turn[:3, :3] @ position + np.asarray(shift)
+    return turn

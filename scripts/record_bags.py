@@ -34,7 +34,7 @@ def main(directory: Path) -> None:
     for world, scan_rate in SCAN_RATES.items():
         bag = directory / f"{world}_{SEED}"
         shutil.rmtree(bag, ignore_errors=True)
-        recording.simulate(world, SEED, bag, scan_rate=scan_rate)
+        recording.simulate(world, SEED, bag, mounted=recording.mounted_sensors(scan_rate))
         size = sum(path.stat().st_size for path in bag.rglob("*") if path.is_file())
         print(f"{bag}: {size / 1e6:.1f} MB")
 

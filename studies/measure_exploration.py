@@ -69,7 +69,7 @@ class Run:
             self.world,
             seed,
             recording.noise_of(noise_free=False, true_odometry=True),
-            recording.mounted_lasers(SCAN_RATE, has_nodding=False),
+            recording.mounted_sensors(SCAN_RATE),
             step=STEP,
         )
         self.simulation = simulation

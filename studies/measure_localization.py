@@ -41,6 +41,7 @@ from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.localization import Localizer
 from heightmap25d_ros.pipelines.mapping import Mapping
 from heightmap25d_ros.pipelines.replay import feed
+from heightmap25d_ros.pose_interpolation import interpolate
 from heightmap25d_ros.simulation import recording
 
 WORLDS = ("room", "ramp", "rough", "street")
@@ -145,7 +146,7 @@ def error_of(run: Run, poses: Sequence[se3.Matrix], truth: tuple[np.ndarray, se3
 def normalised(run: Run, truth: tuple[np.ndarray, se3.Matrix]) -> np.ndarray:
     """Squared errors of x, y, yaw over their covariance, one a second once it tracks."""
     stamps = np.array(run.stamps)
-    true = se3.interpolate(*truth, np.clip(stamps, truth[0][0], truth[0][-1]))
+    true = interpolate(*truth, np.clip(stamps, truth[0][0], truth[0][-1]))
     error = se3.to_xyz_rpy(np.array(run.told)) - se3.to_xyz_rpy(true)
     error = error[:, [0, 1, 5]]
     error[:, 2] = np.angle(np.exp(1j * error[:, 2]))
@@ -207,7 +208,7 @@ def row(label: str, run: Run, truth: tuple[np.ndarray, se3.Matrix], nees: np.nda
 def overconfident(run: Run, truth: tuple[np.ndarray, se3.Matrix]) -> int:
     """How many poses are off by more than 0.15 m and by more than three of their deviations."""
     stamps = np.clip(np.array(run.stamps), truth[0][0], truth[0][-1])
-    error = (np.array(run.told) - se3.interpolate(*truth, stamps))[:, :2, 3]
+    error = (np.array(run.told) - interpolate(*truth, stamps))[:, :2, 3]
     planar = np.array(run.covariances)[:, :2, :2]
     squared = np.einsum("ni,nij,nj->n", error, np.linalg.inv(planar), error)
     return int(((squared > 9.0) & (np.linalg.norm(error, axis=1) > 0.15)).sum())
@@ -316,7 +317,7 @@ def kidnap(
             and localizer.state is State.TRACKING
         ):
             stamp = np.clip(attempts[-1].stamp_ns, truth[0][0], truth[0][-1])
-            true = se3.interpolate(*truth, [stamp])
+            true = interpolate(*truth, [stamp])
             distance, _, yaw = trajectory_error.planar_errors(attempts[-1].T_map_base[None], true)[
                 0
             ]
@@ -367,7 +368,7 @@ def real_log(label: str, before: Sequence[Event], drive: Sequence[Event]) -> tup
     nearest = np.minimum(np.abs(stamps[after] - at), np.abs(stamps[after - 1] - at))
     is_known = (nearest < SAME_SCAN) & (at >= stamps[0]) & (at <= stamps[-1])
     at = at[is_known]
-    true = se3.interpolate(stamps, truth, at)
+    true = interpolate(stamps, truth, at)
     T_map_odom = run.told[0] @ se3.inverse(run.odometry[0])
     wheels = T_map_odom @ np.array(run.odometry)[is_known]
     told, covariances = np.array(run.told)[is_known], np.array(run.covariances)[is_known]

@@ -77,7 +77,7 @@ def measure(bag: Path, directory: Path, params: Params, tally: Tally) -> None:
     ground = read_ground(bag / "truth" / "surface.npz")
     plans = [
         planner.plan(Pose2D(*start), Pose2D(*goal), is_robot_there=False)
-        for start, goal in zip(goals.start.tolist(), goals.goal.tolist(), strict=True)
+        for start, goal in zip(goals.start[:, :2].tolist(), goals.goal[:, :2].tolist(), strict=True)
     ]
     is_found = np.array([plan.found for plan in plans])
     tally.observed += int(goals.observed.sum())

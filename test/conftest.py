@@ -22,15 +22,12 @@ NODES = Path(__file__).parent / "nodes"
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """All that is in nodes/ starts ROS processes, and is slow; other slow tests are marked.
 
-    Beside one another such tests would starve each other of the machine: all of them run one after
-    the other, beginning at once, while other processes run the other files.
+    Such tests come first, so that none of them is left alone at the end of a parallel run.
     """
     items.sort(key=lambda item: NODES not in item.path.parents)  # stable
     for item in items:
-        is_of_nodes = NODES in item.path.parents
-        if is_of_nodes:
+        if NODES in item.path.parents:
             item.add_marker(pytest.mark.slow)
-        item.add_marker(pytest.mark.xdist_group("nodes" if is_of_nodes else str(item.path)))
 
 
 # Nodes of a test see one another, and no other ROS on the machine or the network.

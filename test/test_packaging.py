@@ -27,7 +27,18 @@ EXECUTABLES = {
 
 # From the ground up: a room imports the storeys below its own, and the rooms before it in its own.
 STOREYS = [
-    ["version", "errors", "arrays", "kernels", "se3", "memory", "input_files", "params", "grid"],
+    [
+        "version",
+        "errors",
+        "arrays",
+        "kernels",
+        "se3",
+        "pose_interpolation",
+        "memory",
+        "input_files",
+        "params",
+        "grid",
+    ],
     ["mapping", "terrain", "planning", "localization", "slam", "exploration", "control"],
     ["io", "viz", "evaluation", "pipelines"],
     ["simulation", "commands", "cli", "nodes", "executables"],

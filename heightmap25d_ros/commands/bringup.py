@@ -145,7 +145,7 @@ def _extent(world: str, seed: int) -> list[float]:
 
 def add_to(commands: Any) -> None:
     """Add ``bringup``."""
-    command = add_command(commands, "bringup", _bringup, "the nodes, until Ctrl-C")
+    command = add_command(commands, "bringup", _bringup)
     command.set_defaults(params=default_params_file())
     command.add_argument("--nodes", nargs="+", choices=NODES, metavar="NODE",
                          help=ARGUMENTS["nodes"])  # fmt: skip

@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from heightmap25d_ros.commands import SUMMARIES
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.io import map_directory
@@ -29,7 +30,7 @@ Figures = dict[str, Any]
 
 
 def add_command(
-    commands: Any, name: str, function: Callable[[argparse.Namespace], Figures], help_text: str
+    commands: Any, name: str, function: Callable[[argparse.Namespace], Figures]
 ) -> argparse.ArgumentParser:
     """Add a command to a parser's sub-parsers, with the options that all commands have.
 
@@ -39,11 +40,9 @@ def add_command(
     name : str
     function : callable
         Runs the command; its docstring is the command's description.
-    help_text : str
-        One line for the list of commands.
     """
     command: argparse.ArgumentParser = commands.add_parser(
-        name, help=help_text, description=function.__doc__
+        name, help=SUMMARIES[name], description=function.__doc__
     )
     command.set_defaults(command=function)
     command.add_argument("--params", type=Path, metavar="FILE",

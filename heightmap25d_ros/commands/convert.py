@@ -22,7 +22,7 @@ from heightmap25d_ros.terrain.traversability import to_obstacle_map
 
 def add_to(commands: Any) -> None:
     """Add ``convert``."""
-    command = add_command(commands, "convert", _convert, "the obstacle grid of a map anew")
+    command = add_command(commands, "convert", _convert)
     command.add_argument("map", type=Path, metavar="DIR", help="map directory")
     command.add_argument("-o", "--output", type=Path, metavar="DIR",
                          help="map directory to write (default: the same)")  # fmt: skip

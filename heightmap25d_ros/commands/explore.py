@@ -37,7 +37,7 @@ _LONGEST = 7200.0  # [s], simulated, of an exploration without a limit
 
 def add_to(commands: Any) -> None:
     """Add ``explore``."""
-    command = add_command(commands, "explore", _explore, "a simulated robot explores a world")
+    command = add_command(commands, "explore", _explore)
     command.set_defaults(params=default_params_file())
     worlds = {name: spec.choices for name, spec, _ in specs(SimulatorParams())}["world"]
     command.add_argument("world", metavar="WORLD",
@@ -91,7 +91,7 @@ def _explore(options: argparse.Namespace) -> Figures:
         world,
         options.seed,
         recording.noise_of(noise_free=False, true_odometry=True),
-        recording.mounted_lasers(_SCAN_RATE, has_nodding=False),
+        recording.mounted_sensors(_SCAN_RATE),
         step=_STEP,
     )
     began = time.perf_counter()

@@ -17,7 +17,7 @@ from heightmap25d_ros.terrain.traversability import to_obstacle_map
 
 def add_to(commands: Any) -> None:
     """Add ``info``."""
-    command = add_command(commands, "info", _info, "what is in a bag or a map directory")
+    command = add_command(commands, "info", _info)
     command.add_argument("path", type=Path, metavar="BAG|DIR")
 
 
@@ -35,6 +35,7 @@ def _info(options: argparse.Namespace) -> Figures:
             "resolution_m": geometry.resolution,
             "origin_m": list(geometry.origin),
             "ground_zero_m": geometry.ground_zero,
+            "upper_surfaces": len(heights.upper),
             "heights_m": [round(known.min(), 2), round(known.max(), 2)] if known.size else [],
             **cell_counts(heights, to_obstacle_map(heights, settings.traversability)),
         }

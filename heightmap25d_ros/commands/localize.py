@@ -38,6 +38,7 @@ from heightmap25d_ros.localization.tracker import Attempt
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.localization import Localizer, compile_kernels
 from heightmap25d_ros.pipelines.replay import pose_topic, replayed
+from heightmap25d_ros.pose_interpolation import interpolate
 from heightmap25d_ros.viz import localization_figures
 
 Trajectory = list[tuple[int, se3.Matrix]]
@@ -52,7 +53,7 @@ _COLUMNS = (
 
 def add_to(commands: Any) -> None:
     """Add ``localize``."""
-    command = add_command(commands, "localize", _localize, "the pose of a bag, held to a map")
+    command = add_command(commands, "localize", _localize)
     command.add_argument("bag", type=Path, metavar="BAG", help="rosbag2 directory, or a file of it")
     command.add_argument("--map", type=Path, required=True, metavar="DIR",
                          help="map directory of the long-term map")  # fmt: skip
@@ -193,7 +194,7 @@ def _draw(
     covered = (stamps >= true_stamps[0]) & (stamps <= true_stamps[-1])
     if not covered.any():
         return
-    true = se3.interpolate(true_stamps, truth, stamps[covered])
+    true = interpolate(true_stamps, truth, stamps[covered])
     refused = [a.stamp_ns for a in attempts if not a.registration.is_accepted]
     localization_figures.errors(
         directory / "errors.png",

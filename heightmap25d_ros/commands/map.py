@@ -41,7 +41,7 @@ from heightmap25d_ros.pipelines.scan_queue import Reading
 
 def add_to(commands: Any) -> None:
     """Add ``map``."""
-    command = add_command(commands, "map", _map, "a map directory from bags")
+    command = add_command(commands, "map", _map)
     command.add_argument("bags", type=Path, nargs="+", metavar="BAG",
                          help="rosbag2 directory, or a file of it; several are mapped one after "
                          "the other, their poses must be in one frame")  # fmt: skip

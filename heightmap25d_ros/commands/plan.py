@@ -36,7 +36,7 @@ EXIT_NO_PATH = 3
 
 def add_to(commands: Any) -> None:
     """Add ``plan``."""
-    command = add_command(commands, "plan", _plan, "a path over a map directory")
+    command = add_command(commands, "plan", _plan)
     command.add_argument("map", type=Path, metavar="DIR", help="map directory")
     for name in ("start", "goal"):
         command.add_argument(f"--{name}", type=_place, required=True, metavar="X,Y[,YAW]",

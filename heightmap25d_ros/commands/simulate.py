@@ -15,9 +15,7 @@ from heightmap25d_ros.params.spec import specs
 
 def add_to(commands: Any) -> None:
     """Add ``simulate``."""
-    command = add_command(
-        commands, "simulate", _simulate, "a bag of a simulated drive, and its truth"
-    )
+    command = add_command(commands, "simulate", _simulate)
     worlds = {name: spec.choices for name, spec, _ in specs(SimulatorParams())}["world"]
     command.add_argument("world", metavar="WORLD",
                          help=f"{', '.join(worlds[:-1])} or {worlds[-1]}")  # fmt: skip
@@ -37,6 +35,18 @@ def add_to(commands: Any) -> None:
     command.add_argument("--scan-rate", type=float, default=37.5, metavar="HZ",
                          help="scans of each laser, at most 75 (default: 37.5)")  # fmt: skip
     command.add_argument("--nodding", action="store_true", help="a third laser, which nods")
+    command.add_argument(
+        "--lidar",
+        type=_integer,
+        default=0,
+        metavar="RINGS",
+        help="a 3-D lidar of 8 to 128 rings in place of the lasers, on /points",
+    )
+    command.add_argument(
+        "--depth-camera",
+        action="store_true",
+        help="a depth camera in place of the lasers, on /depth/points",
+    )
     command.add_argument("--true-odometry", action="store_true", help="/odom without errors")
     command.add_argument("--noise-free", action="store_true", help="nothing errs")
 
@@ -60,8 +70,12 @@ def _simulate(options: argparse.Namespace) -> Figures:
         options.output,
         drive=options.drive,
         speed=options.speed,
-        scan_rate=options.scan_rate,
-        has_nodding=options.nodding,
+        mounted=recording.mounted_sensors(
+            options.scan_rate,
+            has_nodding=options.nodding,
+            lidar_rings=options.lidar,
+            has_depth_camera=options.depth_camera,
+        ),
         noise=recording.noise_of(
             noise_free=options.noise_free,
             true_odometry=options.true_odometry,

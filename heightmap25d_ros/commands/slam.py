@@ -34,7 +34,7 @@ from heightmap25d_ros.pipelines.slam import SlamResult, slam_bag
 
 def add_to(commands: Any) -> None:
     """Add ``slam``."""
-    command = add_command(commands, "slam", _slam, "a map directory from a bag whose poses drift")
+    command = add_command(commands, "slam", _slam)
     command.add_argument("bag", type=Path, metavar="BAG", help="rosbag2 directory, or a file of it")
     command.add_argument("-o", "--output", type=Path, required=True, metavar="DIR",
                          help="map directory to write")  # fmt: skip

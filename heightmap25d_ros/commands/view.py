@@ -36,7 +36,7 @@ _PORT = 9090
 
 def add_to(commands: Any) -> None:
     """Add ``view``."""
-    command = add_command(commands, "view", _view, "a map or a bag in 3-D (needs rerun)")
+    command = add_command(commands, "view", _view)
     command.add_argument("path", type=Path, metavar="DIR|BAG", help="map directory, or rosbag2")
     add_topics(command)
     where = command.add_mutually_exclusive_group()

@@ -137,7 +137,7 @@ def evaluate_map(height_map: HeightMap, params: TraversabilityParams, truth: Tru
     InputError
         If the cells of the map do not coincide with those of the truth.
     """
-    height_cm, known = _on_cells_of(truth.geometry, height_map)
+    height_cm, known = on_cells_of(truth.geometry, height_map)
     height = height_cm * HEIGHT_RESOLUTION + height_map.geometry.ground_zero
     observable = np.isfinite(truth.seen)
     known_cells, known_observable = int(known.sum()), int((known & observable).sum())
@@ -158,7 +158,7 @@ def evaluate_map(height_map: HeightMap, params: TraversabilityParams, truth: Tru
         error_of_seen_on_slopes=_height_error(error_of_seen[(relief > FLAT) & (relief <= STEP)]),
         error_of_seen_at_steps=_height_error(error_of_seen[relief > STEP]),
         error_of_top=_height_error((height - truth.top)[has_top]),
-        blocked_transitions=_detection(mask, truth.top, known, params.max_step),
+        blocked_transitions=detection(mask, truth.top, known, params.max_step),
     )
 
 
@@ -170,7 +170,7 @@ def overlap(height_map: HeightMap, truth: Truth) -> float:
     InputError
         If the cells of the map are not those of the truth.
     """
-    height_cm, known = _on_cells_of(truth.geometry, height_map)
+    height_cm, known = on_cells_of(truth.geometry, height_map)
     error = np.abs(height_cm * HEIGHT_RESOLUTION - truth.seen)
     is_same = known & (error <= SAME_HEIGHT)
     return _ratio(int(is_same.sum()), int(height_map.known.sum())) or 0.0
@@ -185,7 +185,7 @@ def _relief(top: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.where(is_known, highest - lowest - 1e-6, np.inf))
 
 
-def _on_cells_of(
+def on_cells_of(
     geometry: Geometry, height_map: HeightMap
 ) -> tuple[NDArray[np.int16], NDArray[np.bool_]]:
     """Heights [cm] of a map on the cells of the truth, and which of them are known."""
@@ -223,7 +223,7 @@ def _height_error(error: NDArray[np.float64]) -> HeightError:
     )
 
 
-def _detection(
+def detection(
     mask: NDArray[np.uint8], top: NDArray[np.float64], known: NDArray[np.bool_], max_step: float
 ) -> Detection:
     """Blocked transitions of a map, as bits over `NEIGHBOURS`, against those of the surface."""
@@ -258,6 +258,26 @@ def _detection(
         recall=recall,
         f1=_f1(precision, recall),
     )
+
+
+def open_detection(
+    mask: NDArray[np.uint8], top: NDArray[np.float64], known: NDArray[np.bool_], max_step: float
+) -> Detection:
+    """Open transitions of a map between known cells against those of the surface, each for each."""
+    both = predicted = true = 0
+    for bit, (dy, dx) in enumerate(NEIGHBOURS[:4]):
+        here, there = _ends(top.shape, dy, dx)
+        is_known = known[here] & known[there]
+        is_open = is_known & (mask[here] >> bit & 1 == 0)
+        with np.errstate(invalid="ignore"):  # infinity minus infinity
+            is_truly = is_known & (np.abs(top[there] - top[here]) <= max_step)
+        both += int((is_open & is_truly).sum())
+        predicted, true = predicted + int(is_open.sum()), true + int(is_truly.sum())
+    precision, recall = _ratio(both, predicted), _ratio(both, true)
+    return Detection(
+        predicted=predicted, true=true, precision=precision, recall=recall,
+        f1=_f1(precision, recall),
+    )  # fmt: skip
 
 
 def _ends(shape: tuple[int, int], dy: int, dx: int) -> tuple[tuple[slice, slice], ...]:

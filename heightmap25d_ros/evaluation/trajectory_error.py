@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heightmap25d_ros import se3
+from heightmap25d_ros.pose_interpolation import interpolate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,7 +64,7 @@ def evaluate_trajectory(
     if not covered.any():
         return None
     poses = poses[covered]
-    truth = se3.interpolate(true_stamps_ns, true_poses, stamps_ns[covered])
+    truth = interpolate(true_stamps_ns, true_poses, stamps_ns[covered])
     distance = np.linalg.norm(poses[:, :3, 3] - truth[:, :3, 3], axis=1)
     planar, z, yaw = planar_errors(poses, truth).T
     return TrajectoryError(

@@ -84,6 +84,52 @@ def read_truth(path: Path) -> Truth:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class LevelTruth:
+    """The two levels of a world with decks, each as a robot on it has it around itself.
+
+    Attributes
+    ----------
+    geometry : Geometry
+    top : (2, rows, columns) float64 [m]
+        Where a cell has but one surface, it is the same on both.
+    seen : (2, rows, columns) float64 [m]
+        Highest point of each that a noise-free laser measured; NaN: none.
+    clearance : (2, rows, columns) float64 [m]
+        Headroom.
+    """
+
+    geometry: Geometry
+    top: NDArray[np.float64]
+    seen: NDArray[np.float64]
+    clearance: NDArray[np.float64]
+
+    def ground(self, level: int) -> TrueGround:
+        """What a robot on a level drives on."""
+        return TrueGround(
+            geometry=self.geometry, height=self.top[level], clearance=self.clearance[level]
+        )
+
+
+def read_levels(path: Path) -> LevelTruth | None:
+    """The levels of a ``surface.npz``; None in a world of one level.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or has other content.
+    """
+    with truth_file(path, "is not a true surface") as archive:
+        if "level_top" not in archive:
+            return None
+        names = ("level_top", "level_seen", "level_clearance")
+        top, seen, clearance = (np.asarray(archive[name], np.float64) for name in names)
+        if not (top.ndim == 3 and len(top) == 2 and top.shape == seen.shape == clearance.shape):
+            raise InputError(f"{path}: {', '.join(names)} are not grids of two levels")
+        geometry = _geometry(path, archive, top[0])
+    return LevelTruth(geometry=geometry, top=top, seen=seen, clearance=clearance)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class TrueGround:
     """The ground that a robot drives on.
 
@@ -138,7 +184,7 @@ class GoalPairs:
 
     Attributes
     ----------
-    start, goal : (N, 2) float64 [m], map
+    start, goal : (N, 3) float64 [m], map
     reachable : (N,) bool
         Whether the robot can drive from start to goal in the true world.
     observed : (N,) bool
@@ -160,11 +206,12 @@ def read_goals(path: Path) -> GoalPairs:
         If the file cannot be read or has other content.
     """
     with truth_file(path, "holds no goals") as archive:
-        start, goal = (np.asarray(archive[name], np.float64)[:, :2] for name in ("start", "goal"))
+        start, goal = (np.asarray(archive[name], np.float64) for name in ("start", "goal"))
         reachable, observed = (
             np.asarray(archive[name], bool) for name in ("reachable", "observed")
         )
-    if {start.shape, goal.shape} != {(len(start), 2)} or not np.isfinite([start, goal]).all():
+    is_pairs = start.ndim == 2 and start.shape == goal.shape == (len(start), 3)
+    if not (is_pairs and np.isfinite([start, goal]).all()):
         raise InputError(f"{path}: start and goal are not pairs of places")
     if {reachable.shape, observed.shape} != {(len(start),)}:
         raise InputError(f"{path}: reachable and observed are not one for each pair")

@@ -23,6 +23,9 @@ HEIGHT_RESOLUTION = 0.01
 HEIGHT_LIMIT = 32700
 """Largest stored height [cm]: the paper's +-327 m. Readings beyond it are not stored."""
 
+SUSPECTED = -32768
+"""In place of the height of an unknown cell: a drop-off is suspected there."""
+
 PROBABILITY_SCALE = 65535
 """Stored value of probability 1."""
 
@@ -173,7 +176,7 @@ class HeightMap:
     ----------
     geometry : Geometry
     height : (rows, columns) int16 [cm] above ground zero
-        Of the lowest surface.
+        Of the lowest surface. `SUSPECTED` marks unknown cells in which a drop-off is suspected.
     probability : (rows, columns) uint16, 0 .. `PROBABILITY_SCALE` for 0 .. 1
     probability_threshold : float
         Below it a cell is unknown and its height has no meaning.
@@ -285,6 +288,11 @@ class HeightMap:
     def known(self) -> NDArray[np.bool_]:
         """(rows, columns): whether the height of a cell can be used."""
         return self.probability >= stored_probability(self.probability_threshold)
+
+    @property
+    def suspected(self) -> NDArray[np.bool_]:
+        """(rows, columns): unknown cells in which a drop-off is suspected."""
+        return np.asarray((self.height == SUSPECTED) & ~self.known)
 
     @property
     def metres(self) -> NDArray[np.float64]:

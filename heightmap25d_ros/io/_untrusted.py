@@ -7,7 +7,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.errors import InputError, printable
+
+_LONGEST = 200  # characters of what an exception says, which may quote the bytes
 
 
 @contextmanager
@@ -20,5 +22,5 @@ def as_input_error(what: str) -> Iterator[None]:
     except OSError as error:
         raise InputError(f"{what}: {error.strerror or error}") from None
     except Exception as error:  # zipfile and numpy raise a dozen types on damaged bytes
-        reason = " ".join(str(error).split()) or type(error).__name__
+        reason = printable(" ".join(str(error).split()) or type(error).__name__, _LONGEST)
         raise InputError(f"{what}: is damaged, or another kind of file: {reason}") from None

@@ -262,6 +262,20 @@ def pose(message: Any, field: str) -> se3.Matrix:
     return np.asarray(_matrices([_coordinates(message.position, message.orientation, field)])[0])
 
 
+def point(message: Any) -> NDArray[np.float64]:
+    """(3,) [m] of a geometry_msgs/Point.
+
+    Raises
+    ------
+    InputError
+        If it is not finite, or farther away than `POSITION_LIMIT`.
+    """
+    place = np.array([message.x, message.y, message.z], np.float64)
+    if not (np.abs(place) <= POSITION_LIMIT).all():
+        raise InputError(f"point: {tuple(place.tolist())} is not a place")
+    return place
+
+
 def twist(message: Any) -> tuple[float, float]:
     """Speed [m/s] along x and turn rate [rad/s] about z of a geometry_msgs/Twist.
 
@@ -340,8 +354,11 @@ def planar_covariance(message: Any, limits: ArrayLike) -> NDArray[np.float64]:
         raise refused
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     unit = np.where(deviation > 0.0, deviation, 1.0)
-    correlation = (covariance / unit / unit[:, None] + covariance.T / unit / unit[:, None]) / 2
-    if np.linalg.eigvalsh(correlation)[0] < -_NO_VARIANCE:
+    with np.errstate(over="ignore", invalid="ignore"):
+        correlation = (covariance / unit / unit[:, None] + covariance.T / unit / unit[:, None]) / 2
+    # Where an entry is beyond 1, or no number, there are no eigenvalues to ask for.
+    is_one = bool((np.abs(correlation) < 1.0 + 1e-6).all())
+    if not is_one or np.linalg.eigvalsh(correlation)[0] < -_NO_VARIANCE:
         raise refused
     limited = np.minimum(deviation, limits)
     return np.asarray(correlation * np.outer(limited, limited))

@@ -10,7 +10,7 @@ a message defines as such (NaN where a layer of grid_map is unknown, an infinite
 from __future__ import annotations
 
 import array
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,8 +23,10 @@ from heightmap25d_ros.grid.height_map import (
     Geometry,
     HeightMap,
 )
-from heightmap25d_ros.localization.tracker import Attempt
-from heightmap25d_ros.planning.plan import Plan
+
+if TYPE_CHECKING:  # a node that fills other messages needs neither
+    from heightmap25d_ros.localization.tracker import Attempt
+    from heightmap25d_ros.planning.plan import Plan
 
 _PROBABILITY_STEP = PROBABILITY_SCALE / 255.0
 """Of a probability that is published as a byte."""

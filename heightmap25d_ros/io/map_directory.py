@@ -25,6 +25,7 @@ from heightmap25d_ros.grid.height_map import (
     HEIGHT_RESOLUTION,
     PROBABILITY_SCALE,
     PROBABILITY_THRESHOLD,
+    SUSPECTED,
     Geometry,
     HeightMap,
     require_plausible,
@@ -177,12 +178,14 @@ def save(
             "upper_bottom": upper.bottom,
             "upper_probability": upper.probability / np.float32(PROBABILITY_SCALE),
         }
+    if height_map.suspected.any():
+        optional["suspected"] = height_map.suspected
     with atomic_directory.replacing(directory) as temporary:
         (temporary / MAP_YAML).write_text(map_yaml(height_map.geometry), encoding="utf-8")
         (temporary / MAP_PGM).write_bytes(map_pgm(obstacle_map.occupancy))
         np.savez_compressed(
             temporary / HEIGHT_GRID,
-            height=height_map.height,
+            height=np.where(height_map.height < -HEIGHT_LIMIT, np.int16(0), height_map.height),
             probability=height_map.probability / np.float32(PROBABILITY_SCALE),
             probability_scale=np.float64(1.0),
             height_resolution=np.float64(HEIGHT_RESOLUTION),
@@ -222,6 +225,8 @@ def load(directory: Path | str, probability_threshold: float = PROBABILITY_THRES
                 f"{FORMAT_VERSION_LEVELS}"
             )
         names = [name for name in _FIELDS if _SINCE.get(name, FORMAT_VERSION) <= version]
+        if "suspected.npy" not in archive.namelist():
+            names.remove("suspected")
         fields = {name: _read_field(archive, path, name) for name in names}
     return _checked(path, fields, probability_threshold)
 
@@ -283,6 +288,7 @@ _FIELDS: Mapping[str, tuple[tuple[str, ...], int]] = {
     "origin": (("f",), 1),
     "frame_id": (("U",), 0),
     "z_offset": (("f",), 0),
+    "suspected": (("b",), 2),
     "upper_cell": (("i4",), 2),
     "upper_top": (("i2",), 1),
     "upper_bottom": (("i2",), 1),
@@ -331,6 +337,7 @@ def _checked(path: Path, fields: dict[str, NDArray[Any]], threshold: float) -> L
     with as_input_error(f"{path}: frame_id"):  # may hold what is no character
         frame_id = str(fields["frame_id"])
     believed = probability if probability.dtype.kind == "f" else probability * np.float32(scale)
+    suspected = fields.get("suspected", np.zeros(height.shape, bool))
     for fault, found in {
         "height is empty": height.size == 0,
         "height and probability differ in shape": height.shape != probability.shape,
@@ -345,6 +352,8 @@ def _checked(path: Path, fields: dict[str, NDArray[Any]], threshold: float) -> L
         "probability holds values outside of 0 .. 1": not (
             (believed >= 0.0) & (believed <= 1.0)
         ).all(),
+        "suspected is not of unobserved cells": suspected.shape != believed.shape
+        or bool(believed[suspected].any()),
     }.items():
         if found:
             raise InputError(f"{path}: {fault}")
@@ -362,7 +371,7 @@ def _checked(path: Path, fields: dict[str, NDArray[Any]], threshold: float) -> L
         raise InputError(f"{path}: {error}") from None
     height_map = HeightMap(
         geometry=geometry,
-        height=height.astype(np.int16),
+        height=np.where(suspected, np.int16(SUSPECTED), height.astype(np.int16)),
         probability=_stored(believed),
         probability_threshold=threshold,
         upper=_upper_of(path, fields, height.shape) if "upper_cell" in fields else NO_UPPER,

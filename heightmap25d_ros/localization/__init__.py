@@ -5,10 +5,12 @@
 `short_term` keeps the surroundings of the last metres, `registration` aligns them with the
 long-term map (a `surface`) by the score of `matching`, `global_search` does so without a prior
 (by `branch_and_bound` over the windows of a `height_pyramid`), `hypotheses` tracks what it cannot
-tell apart, and `pose_filter` combines registrations and odometry. `tracker` runs all of it, and
+tell apart, and `pose_filter` combines registrations and odometry, whose `odometry_errors` are
+learned. `tracker` runs all of it, and
 `tracking_state` is its state; `paper_registration` is the paper's method.
 
 `scan_filter` updates the pose by single scans: returns of the last moment (`scan_window`) are
 matched (`scan_update`) with the walls and the ground of the long-term map (`layers`, `landmarks`,
-`wall_lines`, `ground_planes`), and `scan_proposal` asks short-term maps where scans do not suffice.
+`wall_lines`, `ground_planes`), or of one that is being made (`growing_map`), and `scan_proposal`
+asks short-term maps where scans do not suffice.
 """

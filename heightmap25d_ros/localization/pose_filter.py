@@ -59,7 +59,7 @@ class PoseFilter:
         self.covariance = np.asarray(np.linalg.inv(np.linalg.inv(self.covariance) + information))
         x, y, yaw = self.covariance @ information @ registration.offset
         self.T_map_odom = (
-            correction_about(self.T_map_odom @ T_odom_base, (x, y, registration.z), yaw)
+            se3.correction_about(self.T_map_odom @ T_odom_base, (x, y, registration.z), yaw)
             @ self.T_map_odom
         )
 
@@ -67,16 +67,6 @@ class PoseFilter:
         """Inflate the covariance: a registration contradicts it, so drift was underestimated."""
         if self.deviation[0] < self._params.degraded_deviation:
             self.covariance = _INFLATION * self.covariance
-
-
-def correction_about(
-    T_map_base: se3.Matrix, shift: tuple[float, float, float], yaw: float
-) -> se3.Matrix:
-    """The correction (4, 4), map, that shifts the robot [m] and turns it by a yaw [rad]."""
-    turn = se3.from_xyz_rpy([0.0, 0.0, 0.0, 0.0, 0.0, yaw])
-    position = T_map_base[:3, 3]
-    turn[:3, 3] = position - turn[:3, :3] @ position + shift
-    return turn
 
 
 class SmoothCorrection:
@@ -106,4 +96,4 @@ class SmoothCorrection:
         part = min(1.0, self._params.correction_speed * seconds / max(distance, 1e-12))
         turn = min(1.0, self._params.correction_turn * seconds / max(abs(yaw), 1e-12))
         x, y, z = part * shift
-        self.T_map_odom = correction_about(current, (x, y, z), turn * yaw) @ self.T_map_odom
+        self.T_map_odom = se3.correction_about(current, (x, y, z), turn * yaw) @ self.T_map_odom

@@ -9,17 +9,18 @@ heading per distance. How much the wheels slip is learned as well.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
 
 import numpy as np
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
+from heightmap25d_ros.localization.growing_map import LEAST_KNOWN, GrowingMapUpdate
 from heightmap25d_ros.localization.landmarks import Landmarks
-from heightmap25d_ros.localization.pose_filter import correction_about
+from heightmap25d_ros.localization.odometry_errors import Motion, OdometryErrors
 from heightmap25d_ros.localization.registration import Reason, Registration, rejected
-from heightmap25d_ros.localization.scan_update import Update, update_by_returns
-from heightmap25d_ros.params.sections import Params, ScanFilterParams
+from heightmap25d_ros.localization.scan_update import FIT, Update, update_by_returns
+from heightmap25d_ros.params.sections import Params
 
 _X, _Y, _YAW, _Z, _SLIP, _SCALE, _TURN, _BIAS = range(8)
 _POSE = np.s_[:4]
@@ -32,50 +33,17 @@ _LEAST_SLIP = 0.01
 _TURN_LENGTH = 6.0  # [rad] of turning over which the noise of turns is learned
 _MOST_TURN_NOISE = 0.2  # [rad] that a radian of turning adds to the yaw at most
 _NEAR, _NEAR_YAW = 0.08, 0.03  # [m], [rad] deviation of a pose near which scans search
+_NEARBY: Array = np.diag(np.square([1 / _NEAR, 1 / _NEAR, 1 / _NEAR_YAW, 1 / _NEAR]))
 _SAME_PLACE, _SAME_YAW = 0.12, 0.05  # [m], [rad] between a registration and what scans found
-_YAW_STARTS = 0.035 * np.array([s * k for k in range(1, 9) for s in (1, -1)])
-"""[rad] Between two of these an update finds its way to a wall some metres away."""
-
-_CLEAR = 0.8  # of what agreed a moment before, for which no other yaw needs to be tried
-_TAIL = 4.0  # degrees of freedom of what odometry may be off, as of Student's distribution
-_GROWING = 2.0  # times the returns per information in a map that grows: it errs as the pose does
-_LEAST_GROWING = 0.5  # of ``min_returns`` that must be over known cells of a map that grows
-_MOST_RESIDUAL = 0.05  # [m] mean distance from the map, of at most 0.1 m a return
+_MOST_RESIDUAL = 0.05  # [m] mean distance from the map, of at most 0.1 m a return: as by chance
+_SHARP_RESIDUAL = 0.03  # [m] so small only at the right place
+_MISSED_TURNS = -0.24, -0.16, -0.08, 0.08, 0.16, 0.24  # [rad] that are tried
+_LEAST_STEP = 0.03  # [m] that odometry tells, to be doubted
+_TOLD_APART = 3.0  # standard deviations between two motions that returns tell apart
+_MISSED_GAIN = 1.3  # of the fit, to believe that odometry is wrong
+_LEAST_SHARP_OVERLAP = 0.2  # with such a residual: doors are open now, furniture has moved
+_USABLE = (Reason.ACCEPTED, Reason.UNOBSERVED)
 _LEAST_INFORMATION = 1.0 / 0.3**2  # [1/m^2] that some direction must have
-
-
-@dataclass(eq=False, slots=True, kw_only=True)
-class OdometryErrors:
-    """How a robot's odometry errs, as learned so far.
-
-    Attributes
-    ----------
-    mean : (4,) float64
-        Slip, scale of distances, scale of turns, turn of the heading per distance [rad/m]: all to
-        be added to what odometry tells.
-    covariance : (4, 4) float64
-    slip_variance : float
-        About which the slip comes and goes.
-    turn_variance : float [rad]
-        That turning by a radian adds to the yaw [rad^2], besides these.
-    """
-
-    mean: Array
-    covariance: Array
-    slip_variance: float
-    turn_variance: float
-
-
-def unknown_errors(params: Params) -> OdometryErrors:
-    """Nothing has been learned yet."""
-    prior = params.scan_filter
-    spread = (prior.slip, prior.distance_scale, prior.turn_scale, prior.heading_bias)
-    return OdometryErrors(
-        mean=np.zeros(4),
-        covariance=np.diag(np.square(spread)),
-        slip_variance=prior.slip**2,
-        turn_variance=prior.turn_noise**2,
-    )
 
 
 class ScanFilter:
@@ -107,8 +75,9 @@ class ScanFilter:
         self._slip_variance = errors.slip_variance
         self._turn_variance = errors.turn_variance
         self._turned = 0.0  # [rad] since the last update
+        self._T_odom_used: se3.Matrix | None = None  # at the last update that moved the pose
         self._is_settling = False
-        self._agreeing, self._residual = 0.0, _MOST_RESIDUAL  # of what was accepted lately
+        self._growing = GrowingMapUpdate()
 
     @property
     def covariance(self) -> Array:
@@ -135,24 +104,21 @@ class ScanFilter:
         """The robot moved by odometry; poses (4, 4) of it before and after."""
         if np.array_equal(T_odom_before, T_odom_base):
             return
-        dx, dy, dz = (self.T_map_odom @ (T_odom_base - T_odom_before))[:3, 3]
-        turn = float(_yaw(T_odom_base @ se3.inverse(T_odom_before)))
-        heading = _yaw(self.T_map_odom @ T_odom_before)
-        forward = float(dx * np.cos(heading) + dy * np.sin(heading))
-        slip, scale, turn_scale, bias = self._mean
+        motion = Motion.between(self.T_map_odom, T_odom_before, T_odom_base)
+        dx, dy, _dz = motion.step
         change = np.eye(8)
         change[_X, _YAW], change[_Y, _YAW] = -dy, dx
         for state in (_SLIP, _SCALE):
-            change[[_X, _Y, _Z], state] = dx, dy, dz
-        change[_YAW, _TURN], change[_YAW, _BIAS] = turn, forward
-        kept = np.exp(-np.hypot(dx, dy) / self._params.scan_filter.slip_length)
+            change[[_X, _Y, _Z], state] = motion.step
+        change[_YAW, _TURN], change[_YAW, _BIAS] = motion.turn, motion.forward
+        distance = float(np.hypot(dx, dy))
+        kept = np.exp(-distance / self._params.scan_filter.slip_length)
         change[_SLIP, _SLIP] = kept
-        shift = (slip + scale) * np.array([dx, dy, dz])
-        more = turn_scale * turn + bias * forward
+        shift, yaw = motion.error(self._mean)
         self._mean[0] *= kept
         self._covariance = change @ self._covariance @ change.T
-        self._grow(float(np.hypot(dx, dy)), abs(turn), kept)
-        self._move(T_odom_base, (shift[0], shift[1], shift[2]), more)
+        self._grow(distance, abs(motion.turn), kept)
+        self._move(T_odom_base, shift, yaw)
 
     def _grow(self, distance: float, turn: float, kept: float) -> None:
         """Process noise of a distance [m] and a turn [rad]."""
@@ -172,106 +138,116 @@ class ScanFilter:
 
     def _move(self, T_odom_base: se3.Matrix, shift: tuple[float, float, float], yaw: float) -> None:
         T_map_base = self.T_map_odom @ T_odom_base
-        self.T_map_odom = correction_about(T_map_base, shift, yaw) @ self.T_map_odom
+        self.T_map_odom = se3.correction_about(T_map_base, shift, yaw) @ self.T_map_odom
 
-    def update(
-        self,
-        returns: Array,
-        T_odom_base: se3.Matrix,
-        landmarks: Landmarks,
-        *,
-        is_map_growing: bool = False,
-    ) -> Registration:
-        """Take returns (N, 3) [m, odom] in, with the robot at a pose (4, 4) of the odometry.
-
-        What a map in the making does not know yet, also close to what it knows, does not speak
-        against the pose.
-        """
-        params = self._params.scan_filter
-        if is_map_growing:
-            share = _GROWING * params.returns_per_information
-            params = replace(params, returns_per_information=share)
-        if len(returns) < params.min_returns:
-            return rejected(Reason.FEW_POINTS, len(returns))
-        position = (self.T_map_odom @ T_odom_base)[:3, 3]
-        seen = se3.transform_points(self.T_map_odom, returns) - position
+    def update(self, returns: Array, T_odom_base: se3.Matrix, landmarks: Landmarks) -> Registration:
+        """Take returns (N, 3) [m, odom] in, with the robot at a pose (4, 4) of the odometry."""
         precision = np.asarray(np.linalg.inv(self._covariance[_POSE, _POSE]))
-        seen, position = np.ascontiguousarray(seen), np.ascontiguousarray(position)
-        found = update_by_returns(seen, position, precision, landmarks, params)
-        if is_map_growing and not self._is_clear(found, len(returns)):
-            found = self._likeliest(found, seen, position, precision, landmarks, params)
-        reason = self._judged(found, is_map_growing=is_map_growing)
-        if reason in (Reason.ACCEPTED, Reason.UNOBSERVED):
-            self._learn_turns(found, precision)
-            self._remember(found, len(returns))
-            self._correct(found.error[_POSE], found.information, precision, T_odom_base)
-        return Registration(
-            reason=reason,
-            offset=found.error[[_X, _Y, _YAW]],
-            z=float(found.error[_Z]),
-            information=found.information[_PLANAR],
-            known=found.over_known / len(returns),
-            overlap=found.over_known / max(found.near_known, 1),
-            residual=found.residual,
-            ratio=0.0,
-            points=len(returns),
-        )
-
-    def _likeliest(
-        self,
-        found: Update,
-        seen: Array,
-        position: Array,
-        precision: Array,
-        landmarks: Landmarks,
-        params: ScanFilterParams,
-    ) -> Update:
-        """The likeliest of updates that begin at other yaws as well.
-
-        Odometry errs by more than its deviation where its stamps are not those of the scans.
-        """
-
-        def likelihood(update: Update) -> float:
-            error = update.error[:4]
-            unexpected = np.log1p(error @ precision @ error / _TAIL)
-            return float(
-                update.agreeing / params.returns_per_information - 0.5 * _TAIL * unexpected
-            )
-
-        for start in _YAW_STARTS:
-            error = np.zeros(6)
-            error[_YAW] = start
-            other = update_by_returns(seen, position, precision, landmarks, params, error)
-            found = max(found, other, key=likelihood)  # the first of two equal ones
-            if self._is_clear(found, len(seen)):
-                break
+        found, usable = self._look(returns, T_odom_base, landmarks, precision)
+        if not self._is_sharp(found) and self._moved_otherwise(
+            returns, T_odom_base, landmarks, _MISSED_GAIN * _fit(found)
+        ):
+            precision = np.asarray(np.linalg.inv(self._covariance[_POSE, _POSE]))
+            found, usable = self._look(returns, T_odom_base, landmarks, precision)
+        if usable is not None:
+            self._use(usable, precision, T_odom_base)
         return found
 
-    def _is_clear(self, found: Update, returns: int) -> bool:
-        """Whether about as many returns agree, and as closely, as a moment before."""
-        return (
-            found.agreeing >= _CLEAR * self._agreeing * returns
-            and found.residual <= self._residual / _CLEAR
-        )
+    def update_growing(
+        self, returns: Array, T_odom_base: se3.Matrix, landmarks: Landmarks
+    ) -> Registration:
+        """As `update`, on a map that the robot is making, see `growing_map`."""
+        params = self._params.scan_filter
+        if len(returns) < params.min_returns:
+            return rejected(Reason.FEW_POINTS, len(returns))
+        precision = np.asarray(np.linalg.inv(self._covariance[_POSE, _POSE]))
+        seen, position = self._seen(returns, T_odom_base)
+        found = self._growing.hold(seen, position, precision, landmarks, params)
+        reason = self._judged(found, LEAST_KNOWN * params.min_returns)
+        if reason in _USABLE:
+            self._growing.remember(found, len(returns))
+            self._use(found, precision, T_odom_base)
+        return _registration(found, reason, len(returns))
 
-    def _remember(self, found: Update, returns: int) -> None:
-        """What an update that was accepted is like, for the next one."""
-        self._agreeing += 0.5 * (found.agreeing / returns - self._agreeing)
-        self._residual += 0.5 * (found.residual - self._residual)
+    def _use(self, found: Update, precision: Array, T_odom_base: se3.Matrix) -> None:
+        """Correct the pose by an update that was made with a precision (4, 4) of it."""
+        of_pose = np.asarray(np.linalg.inv(precision + found.information))
+        self._learn_turns(found.error[_YAW], of_pose[_YAW, _YAW])
+        self._correct(found.error[_POSE], of_pose, precision, T_odom_base)
+        self._T_odom_used = T_odom_base
 
-    def _learn_turns(self, found: Update, precision: Array) -> None:
-        """Learn the noise of turns from what an update tells of the yaw since the one before.
+    def _moved_otherwise(
+        self, returns: Array, T_odom_base: se3.Matrix, landmarks: Landmarks, least_fit: float
+    ) -> bool:
+        """Whether returns fit better if the robot moved otherwise than its odometry tells.
+
+        The pose is then moved there, and is as uncertain as the two are apart.
+        """
+        before, best = self.T_map_odom, None
+        for start in self._other_motions(T_odom_base):
+            self._move(T_odom_base, (start[_X], start[_Y], 0.0), start[_YAW])
+            found, usable = self._look(returns, T_odom_base, landmarks, _NEARBY)
+            self.T_map_odom = before
+            if usable is None or not self._is_sharp(found):
+                continue
+            is_told_apart = start @ usable.information @ start > _TOLD_APART**2
+            if is_told_apart and _fit(found) > least_fit:
+                least_fit, best = _fit(found), start + usable.error[_POSE]
+        if best is None:
+            return False
+        self._move(T_odom_base, (best[_X], best[_Y], best[_Z]), best[_YAW])
+        self._covariance[_POSE, _POSE] += np.outer(best, best)
+        return True
+
+    def _other_motions(self, T_odom_base: se3.Matrix) -> Iterator[Array]:
+        """What to add to x, y, yaw, z (4,) of the robot if its odometry is wrong since last used.
+
+        It missed a turn; the wheels spun; or it tells the way without its sign, as encoders with
+        one channel do.
+        """
+        for turn in _MISSED_TURNS:
+            yield np.array([0.0, 0.0, turn, 0.0])
+        if self._T_odom_used is None:
+            return
+        dx, dy, dz = (self.T_map_odom @ (T_odom_base - self._T_odom_used))[:3, 3]
+        if np.hypot(dx, dy) > _LEAST_STEP:
+            for times in (1.0, 2.0):
+                yield -times * np.array([dx, dy, 0.0, dz])
+
+    def _look(
+        self, returns: Array, T_odom_base: se3.Matrix, landmarks: Landmarks, precision: Array
+    ) -> tuple[Registration, Update | None]:
+        """Hold returns to the map, with a prior of a precision (4, 4); what may be used of it."""
+        params = self._params.scan_filter
+        if len(returns) < params.min_returns:
+            return rejected(Reason.FEW_POINTS, len(returns)), None
+        seen, position = self._seen(returns, T_odom_base)
+        found = update_by_returns(seen, position, precision, landmarks, params)
+        is_sharp = found.residual <= _SHARP_RESIDUAL
+        least = _LEAST_SHARP_OVERLAP if is_sharp else self._params.registration.min_overlap
+        # A laser that sees farther than the map reaches is no sign of a wrong place.
+        reason = self._judged(found, max(least * found.near_known, params.min_returns))
+        is_usable = reason in _USABLE
+        return _registration(found, reason, len(returns)), found if is_usable else None
+
+    def _seen(self, returns: Array, T_odom_base: se3.Matrix) -> tuple[Array, Array]:
+        """Returns (N, 3) [m] as seen from the robot, along the axes of the map, and its place."""
+        position = (self.T_map_odom @ T_odom_base)[:3, 3]
+        seen = se3.transform_points(self.T_map_odom, returns) - position
+        return np.ascontiguousarray(seen), np.ascontiguousarray(position)
+
+    def _learn_turns(self, error: float, after: float) -> None:
+        """Learn the noise of turns from the error of the yaw [rad] and its variance after it.
 
         One step of expectation maximisation, forgetting over some radians: of the yaw that noise
-        added, the update gives mean and variance.
+        added since the update before, this one gives mean and variance.
         """
         if self._turned == 0.0:
             return
         added = self._turn_variance * self._turned
         prior = self._covariance[_YAW, _YAW]
         share = min(added / prior, 1.0)
-        after = np.linalg.inv(precision + found.information)[_YAW, _YAW]
-        squared = (share * found.error[_YAW]) ** 2 + added - share**2 * max(prior - after, 0.0)
+        squared = (share * error) ** 2 + added - share**2 * max(prior - after, 0.0)
         part = min(self._turned / _TURN_LENGTH, 1.0)
         self._turn_variance += part * (squared / self._turned - self._turn_variance)
         least = self._params.scan_filter.yaw_drift**2
@@ -279,35 +255,28 @@ class ScanFilter:
         self._turned = 0.0
 
     def settle(self, returns: Array, T_odom_base: se3.Matrix, landmarks: Landmarks) -> None:
-        """As `update`, but the pose stays as uncertain as it is: this may be another place."""
-        covariance, mean = self._covariance, self._mean.copy()
+        """Follow the map near the pose, which stays as uncertain as it is: it may be elsewhere."""
         found, _ = self._look_near(returns, T_odom_base, landmarks)
-        self._covariance, self._mean = covariance, mean
         self._is_settling |= found.is_accepted
 
     def prove(self, returns: Array, T_odom_base: se3.Matrix, landmarks: Landmarks) -> Registration:
-        """As `update` at a pose that was proposed: scans look nearer than it is uncertain.
-
-        What they tell is added to the covariance from before.
-        """
-        before, mean = self._covariance, self._mean.copy()
+        """As `update` at a pose that was proposed: scans look nearer than it is uncertain."""
         found, information = self._look_near(returns, T_odom_base, landmarks)
-        precision = np.asarray(np.linalg.inv(before[_POSE, _POSE]))
-        self._covariance, self._mean = before, mean
-        self._correct(np.zeros(4), information, precision, T_odom_base)
+        precision = np.asarray(np.linalg.inv(self._covariance[_POSE, _POSE]))
+        of_pose = np.asarray(np.linalg.inv(precision + information))
+        self._correct(np.zeros(4), of_pose, precision, T_odom_base)
         return found
 
     def _look_near(
         self, returns: Array, T_odom_base: se3.Matrix, landmarks: Landmarks
     ) -> tuple[Registration, Array]:
-        """Update with a narrow prior; and the information (4, 4) without that."""
-        narrow = np.zeros((8, 8))
-        narrow[_POSE, _POSE] = np.diag(np.square([_NEAR, _NEAR, _NEAR_YAW, _NEAR]))
-        narrow[4:, 4:] = self._covariance[4:, 4:]
-        self._covariance = narrow
-        found = self.update(returns, T_odom_base, landmarks)
-        after = np.linalg.inv(self._covariance[_POSE, _POSE])
-        return found, np.asarray(after - np.linalg.inv(narrow[_POSE, _POSE]))
+        """Move to where returns fit near the pose; and the information (4, 4) of that."""
+        found, usable = self._look(returns, T_odom_base, landmarks, _NEARBY)
+        if usable is None:
+            return found, np.zeros((4, 4))
+        x, y, yaw, z = usable.error[_POSE]
+        self._move(T_odom_base, (x, y, z), float(yaw))
+        return found, usable.information
 
     def has_settled_near(self, registration: Registration) -> bool:
         """Whether scans led to the same place as the first registration of a short-term map."""
@@ -315,15 +284,13 @@ class ScanFilter:
         x, y, yaw = registration.offset
         return was_settling and np.hypot(x, y) < _SAME_PLACE and abs(yaw) < _SAME_YAW
 
-    def _judged(self, found: Update, *, is_map_growing: bool) -> Reason:
-        params = self._params
-        # A laser that sees farther than the map reaches is no sign of a wrong place.
-        least = max(
-            params.registration.min_overlap * found.near_known, params.scan_filter.min_returns
-        )
-        if is_map_growing:
-            least = _LEAST_GROWING * params.scan_filter.min_returns
-        if found.over_known < least:
+    def _is_sharp(self, found: Registration) -> bool:
+        least = self._params.registration.min_overlap
+        return found.overlap >= least and found.residual <= _SHARP_RESIDUAL
+
+    @staticmethod
+    def _judged(found: Update, least_known: float) -> Reason:
+        if found.over_known < least_known:
             return Reason.LITTLE_OVERLAP
         if found.residual > _MOST_RESIDUAL:
             return Reason.HIGH_RESIDUAL
@@ -332,11 +299,13 @@ class ScanFilter:
         return Reason.ACCEPTED
 
     def _correct(
-        self, error: Array, information: Array, precision: Array, T_odom_base: se3.Matrix
+        self, error: Array, of_pose: Array, precision: Array, T_odom_base: se3.Matrix
     ) -> None:
-        """Move the pose by its error (4,); the other states follow what they go with."""
+        """Move the pose by its error (4,); the other states follow what they go with.
+
+        Covariance (4, 4) of the pose after that, and its inverse before.
+        """
         before = self._covariance
-        of_pose = np.asarray(np.linalg.inv(precision + information))
         follow = before[4:, _POSE] @ precision
         after = np.empty((8, 8))
         after[_POSE, _POSE] = of_pose
@@ -353,12 +322,28 @@ class ScanFilter:
         information[_PLANAR] = registration.information
         information[_Z, _Z] = 1.0 / _Z_VARIANCE
         precision = np.asarray(np.linalg.inv(self._covariance[_POSE, _POSE]))
+        of_pose = np.asarray(np.linalg.inv(precision + information))
         x, y, yaw = registration.offset
-        weighted = information @ (x, y, yaw, registration.z)
-        error = np.asarray(np.linalg.inv(precision + information)) @ weighted
+        error = of_pose @ information @ (x, y, yaw, registration.z)
         error[_Z] = registration.z
-        self._correct(error, information, precision, T_odom_base)
+        self._correct(error, of_pose, precision, T_odom_base)
 
 
-def _yaw(T: se3.Matrix) -> float:
-    return float(np.arctan2(T[1, 0], T[0, 0]))
+def _registration(found: Update, reason: Reason, returns: int) -> Registration:
+    """What an update by a number of returns tells others."""
+    return Registration(
+        reason=reason,
+        offset=found.error[[_X, _Y, _YAW]],
+        z=float(found.error[_Z]),
+        information=found.information[_PLANAR],
+        known=found.over_known / returns,
+        overlap=found.over_known / max(found.near_known, 1),
+        residual=found.residual,
+        ratio=0.0,
+        points=returns,
+    )
+
+
+def _fit(found: Registration) -> float:
+    """Share of the returns that fit, by how closely they do."""
+    return found.overlap * max(1.0 - found.residual / FIT, 0.0)

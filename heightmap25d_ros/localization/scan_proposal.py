@@ -17,7 +17,6 @@ from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.localization.landmarks import ELEVATED, Landmarks
 from heightmap25d_ros.localization.matching import RegistrationPoints
-from heightmap25d_ros.localization.pose_filter import correction_about
 from heightmap25d_ros.localization.registration import (
     Reason,
     Registration,
@@ -73,7 +72,7 @@ class Proposal:
         if found.reason not in (Reason.ACCEPTED, Reason.FAR_FROM_PRIOR):
             return None
         x, y, yaw = found.offset
-        shift = correction_about(
+        shift = se3.correction_about(
             estimate.T_map_odom @ self.T_odom_base, (float(x), float(y), found.z), float(yaw)
         )
         trial = ScanFilter(

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Short-term maps: the robot's surroundings along its last metres, placed by odometry alone.
 
+Errors of the odometry that are known are taken out: they would bend the map.
 Several of staggered age are kept, as in Schultz and Adams (1998): when the oldest one is dropped,
 the next one is mature already, and drift within one of them stays small.
 """
@@ -15,10 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heightmap25d_ros import se3
+from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.grid.height_grid import TILE, HeightGrid
 from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, HeightMap, stored_probability
 from heightmap25d_ros.kernels import kernel
 from heightmap25d_ros.localization import surface
+from heightmap25d_ros.localization.odometry_errors import corrected
 from heightmap25d_ros.mapping.mapper import Mapper
 from heightmap25d_ros.mapping.sensor_model import Beams
 from heightmap25d_ros.params.sections import GridParams, LevelsParams, Params
@@ -33,7 +36,8 @@ class LocalCells:
     Attributes
     ----------
     xyz : (N, 3) float64 [m], odom
-        Position of a cell's newest return at about its height, and its height.
+        Position of a cell's newest return at about its height, and its height; as of the robot's
+        newest pose.
     is_edge : (N,) bool
         As in `surface.edges`.
     age : (N,) float64 [m]
@@ -47,6 +51,8 @@ class LocalCells:
 
 class ShortTermMap:
     """One map, in a grid centred on the position at which it was started.
+
+    Its frame is odom as it was then, from which odom drifts away.
 
     Parameters
     ----------
@@ -62,6 +68,7 @@ class ShortTermMap:
     ) -> None:
         self.distance, self.stamp_ns = distance, stamp_ns
         self._start = start
+        self._T_start_odom = np.eye(4)
         self._threshold = params.mapper.probability_threshold
         self._tolerance = round(params.mapper.height_tolerance / HEIGHT_RESOLUTION)
         self._edge_step = params.registration.edge_step
@@ -73,13 +80,17 @@ class ShortTermMap:
         self._newest = np.zeros((*self._grid.geometry.shape, 3), np.float32)
         self._newest[:, :, 2] = -1.0
 
+    def follow(self, T_odom_before: se3.Matrix, T_odom_base: se3.Matrix, errors: Array) -> None:
+        """The robot moved by odometry, with errors (4,) as of `OdometryErrors.mean`."""
+        self._T_start_odom = corrected(self._T_start_odom, T_odom_before, T_odom_base, errors)
+
     def integrate(self, beams: Beams, distance: float) -> None:
         """Integrate beams, in odom, taken at a distance travelled [m]."""
-        ends = beams.ends - self._start
+        ends = se3.transform_points(self._T_start_odom, beams.ends) - self._start
         is_hit = beams.is_hit & ~beams.is_lone
         self._mapper.integrate(
             Beams(
-                origins=beams.origins - self._start,
+                origins=se3.transform_points(self._T_start_odom, beams.origins) - self._start,
                 ends=ends,
                 is_hit=beams.is_hit,
                 is_lone=beams.is_lone,
@@ -92,7 +103,7 @@ class ShortTermMap:
         )  # fmt: skip
 
     def height_map(self) -> HeightMap:
-        """The map in odom, on a lattice of its own, above a ground zero in whole metres."""
+        """The map in its frame, on a lattice of its own, above a ground zero in whole metres."""
         height_map = self._grid.read(self._threshold)
         x, y, z = self._start
         geometry = height_map.geometry
@@ -117,8 +128,9 @@ class ShortTermMap:
         height = height_map.height * np.float32(HEIGHT_RESOLUTION)
         heights = np.where(height_map.known, height, np.float32(np.nan))
         xyz = np.column_stack([newest[is_used][:, :2], height[is_used]])
+        T_odom_start = se3.inverse(self._T_start_odom)
         return LocalCells(
-            xyz=xyz.astype(np.float64) + self._start,
+            xyz=se3.transform_points(T_odom_start, xyz.astype(np.float64) + self._start),
             is_edge=surface.edges(heights, self._edge_step)[is_used],
             age=distance - self.distance - newest[is_used][:, 2].astype(np.float64),
         )
@@ -155,6 +167,8 @@ class ShortTermMaps:
     ----------
     params : Params
         Used by maps that are started from now on.
+    errors : (4,) float64
+        Of the odometry, as of `OdometryErrors.mean`: taken out of motions from now on.
     distance : float [m]
         Travelled so far, as of `distance_travelled`.
     """
@@ -162,6 +176,7 @@ class ShortTermMaps:
     def __init__(self, params: Params) -> None:
         self.distance = 0.0
         self.params = params
+        self.errors = np.zeros(4)
         self._stamp_ns = 0
         self._T_odom_base: se3.Matrix | None = None
         self._maps: list[ShortTermMap] = []
@@ -176,6 +191,8 @@ class ShortTermMaps:
         params = self.params.short_term
         if self._T_odom_base is not None:
             self.distance += distance_travelled(self._T_odom_base, T_odom_base)
+            for short_term_map in self._maps:
+                short_term_map.follow(self._T_odom_base, T_odom_base, self.errors)
         self._T_odom_base, self._stamp_ns = T_odom_base, stamp_ns
         spacing = params.length / params.maps
         if self._maps and self.distance - self._maps[0].distance > params.length:

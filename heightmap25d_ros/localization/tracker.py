@@ -22,15 +22,16 @@ from heightmap25d_ros.localization.global_search import GlobalSearch, SearchResu
 from heightmap25d_ros.localization.hypotheses import Estimate, Hypotheses
 from heightmap25d_ros.localization.landmarks import Landmarks
 from heightmap25d_ros.localization.matching import RegistrationPoints
+from heightmap25d_ros.localization.odometry_errors import OdometryErrors, unknown_errors
 from heightmap25d_ros.localization.paper_registration import register_by_paper
-from heightmap25d_ros.localization.pose_filter import PoseFilter, correction_about
+from heightmap25d_ros.localization.pose_filter import PoseFilter
 from heightmap25d_ros.localization.registration import (
     Reason,
     Registration,
     register,
     to_registration_points,
 )
-from heightmap25d_ros.localization.scan_filter import ScanFilter, unknown_errors
+from heightmap25d_ros.localization.scan_filter import ScanFilter
 from heightmap25d_ros.localization.scan_proposal import COARSE, Proposal, Proven, returns_to_points
 from heightmap25d_ros.localization.scan_window import ScanWindow
 from heightmap25d_ros.localization.short_term import (
@@ -158,6 +159,7 @@ class Tracker:
         self._hypotheses: Hypotheses | None
         self._params, self._search_slice = params, search_slice
         self._short_term = ShortTermMaps(params)
+        self._errors = unknown_errors(params)
         self._T_odom_base: se3.Matrix | None = None
         self._is_search_wanted = False
         self.landmarks: Landmarks | None = None
@@ -184,7 +186,7 @@ class Tracker:
     def _estimate_at(self, T_map_odom: se3.Matrix, covariance: Array) -> Estimate:
         if self.landmarks is None:
             return PoseFilter(self._params.localization, T_map_odom, covariance)
-        return ScanFilter(self._params, T_map_odom, covariance, unknown_errors(self._params))
+        return ScanFilter(self._params, T_map_odom, covariance, self._errors)
 
     def set_pose(self, T_map_odom: se3.Matrix, covariance: Array) -> None:
         """Replace the estimate by another pose."""
@@ -330,7 +332,14 @@ class Tracker:
                     self.estimate, found, points = proposed
                     view = _View(surface, points, T_odom_base)
         self.health.update(found, self.estimate.deviation[0])
+        if found.is_accepted and self.health.state is State.TRACKING:
+            self._learn(estimate.errors)
         return self._attempt(Kind.TRACKING, found, view, stamp_ns)
+
+    def _learn(self, errors: OdometryErrors) -> None:
+        """Errors of the odometry, which it keeps wherever the robot turns out to be."""
+        self._errors = errors
+        self._short_term.errors = errors.mean * (0.0, 1.0, 1.0, 1.0)  # slip comes and goes
 
     def _is_repeated(self, proposed: Proven | None, T_odom_base: se3.Matrix) -> bool:
         """Whether the proposal before led to the same place: what noise proposes wanders."""
@@ -401,7 +410,7 @@ class Tracker:
         T_map_base = T_map_odom @ under_way.view.T_odom_base
         for candidate in found.candidates:
             x, y, yaw = candidate.offset
-            shift = correction_about(T_map_base, (float(x), float(y), candidate.z), float(yaw))
+            shift = se3.correction_about(T_map_base, (float(x), float(y), candidate.z), float(yaw))
             yield self._estimate_at(shift @ T_map_odom, _FOUND_COVARIANCE)
 
     def _confirm(self, hypotheses: Hypotheses, cells: LocalCells, stamp_ns: int) -> Attempt:

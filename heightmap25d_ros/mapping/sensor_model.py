@@ -232,7 +232,8 @@ def beams(
     params = params or SensorParams()
     T_map_base = stacked_poses("T_map_base", T_map_base, len(scan.ranges))
     T_base_sensor = stacked_poses("T_base_sensor", T_base_sensor, len(scan.ranges))
-    ranges = scan.ranges.astype(np.float64)
+    with np.errstate(invalid="ignore"):  # there are NaNs that signal when they are converted
+        ranges = scan.ranges.astype(np.float64)
     is_miss = no_returns(scan, params.no_return)
     ranges[is_miss] = np.inf
     nearest = max(scan.range_min, params.min_range)

@@ -11,16 +11,17 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
 from nav_msgs.srv import GetMap
 from sensor_msgs.msg import LaserScan, PointCloud2
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
+from visualization_msgs.msg import Marker
 
 from heightmap25d_msgs.msg import LocalizationStatus
-from heightmap25d_msgs.srv import LoadMap, SaveMap
+from heightmap25d_msgs.srv import Explain, LoadMap, SaveMap
 from heightmap25d_ros.errors import InputError, printable
-from heightmap25d_ros.io import encode, map_directory
+from heightmap25d_ros.io import encode, explanations, map_directory
 from heightmap25d_ros.nodes import map_transform, qos, runtime
 from heightmap25d_ros.nodes.interface import Input, Output, Service
 from heightmap25d_ros.nodes.lifecycle import REPORT_PERIOD, ManagedNode
@@ -78,12 +79,14 @@ class MappingNode(ManagedNode):
                 LocalizationStatus, "localization/status",
                 self._mapping.take_localization_status, qos.LATCHED,
             ),
+            Input(PointStamped, "clicked_point", self._on_clicked_point, qos.QUEUE),
         ]  # fmt: skip
 
     def outputs(self) -> list[Output]:
         """The maps and their frame, and map -> odom where nobody else publishes it."""
         outputs = self._publisher.outputs()
         outputs.append(Output(TFMessage, "/tf_static", qos.STATIC_TRANSFORMS))
+        outputs.append(Output(Marker, "~/explanation", qos.LATCHED))
         if self.params.mapping.publish_transform:
             outputs.append(Output(TFMessage, "/tf", qos.POSES))
         return outputs
@@ -95,6 +98,7 @@ class MappingNode(ManagedNode):
             Service(LoadMap, "~/load_map", self._load_map),
             Service(Trigger, "~/clear_map", self._clear_map),
             Service(GetMap, "~/get_map", self._get_map),
+            Service(Explain, "~/explain", self._explain),
         ]
 
     def set_up(self) -> None:
@@ -276,6 +280,23 @@ class MappingNode(ManagedNode):
         response.success = True
         self.get_logger().info("map cleared")
         return response
+
+    def _explain(self, request: Explain.Request, response: Explain.Response) -> Explain.Response:
+        try:
+            found = self._mapping.explain(request.point)
+        except InputError as error:
+            response.message = str(error)
+            return response
+        explanations.fill_response(response, found, self._frame)
+        response.success = True
+        return response
+
+    def _on_clicked_point(self, message: PointStamped) -> None:
+        found = self.dropped.decoded("clicked_point", self._mapping.explain, message)
+        if found is not None:
+            marker = Marker(ns="explanation", type=Marker.TEXT_VIEW_FACING)
+            explanations.fill_text(marker, found, self._mapping.stamp_ns, self._frame)
+            self.publish("~/explanation", marker)
 
     def _get_map(self, _: GetMap.Request, response: GetMap.Response) -> GetMap.Response:
         try:

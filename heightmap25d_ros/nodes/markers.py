@@ -12,7 +12,7 @@ from sensor_msgs.msg import PointCloud2, PointField
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker
 
-from heightmap25d_msgs.msg import HeightGrid
+from heightmap25d_msgs.msg import HeightGrid, UpperSurfaces
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.grid.height_map import local_origin
 from heightmap25d_ros.io import decode, encode
@@ -21,6 +21,7 @@ from heightmap25d_ros.nodes.interface import Input, Output
 from heightmap25d_ros.nodes.lifecycle import ManagedNode
 from heightmap25d_ros.nodes.map_transform import anchor_frame
 from heightmap25d_ros.pipelines.drops import Drops
+from heightmap25d_ros.pipelines.level_map import LevelMap
 from heightmap25d_ros.terrain.traversability import to_obstacle_map
 from heightmap25d_ros.viz import marker_cdr, markers
 
@@ -36,6 +37,7 @@ class MarkersNode(ManagedNode):
     def inputs(self) -> list[Input]:
         """The map, and its frame for coordinates in single precision."""
         return [
+            Input(UpperSurfaces, "upper_surfaces", self._on_upper_surfaces, qos.LATCHED),
             Input(HeightGrid, "height_grid", self._on_map, qos.LATCHED, is_needed=True),
             Input(TFMessage, "/tf_static", self._on_transforms, qos.STATIC_TRANSFORMS),
         ]
@@ -51,6 +53,7 @@ class MarkersNode(ManagedNode):
         """Begin without a map."""
         self._dropped = Drops()
         self._newest: HeightGrid | None = None
+        self._upper: UpperSurfaces | None = None
         self._shown: dict[str, HeightGrid] = {}
         self._anchors: dict[str, Array] = {}  # their positions in their parents, by name
 
@@ -72,6 +75,10 @@ class MarkersNode(ManagedNode):
 
     def _on_map(self, message: HeightGrid) -> None:
         self._newest = message
+
+    def _on_upper_surfaces(self, message: UpperSurfaces) -> None:
+        self._upper = message
+        self._shown.clear()
 
     def _on_transforms(self, message: TFMessage) -> None:
         heard = self._dropped.decoded("transforms", decode.transforms, message.transforms)
@@ -103,7 +110,10 @@ class MarkersNode(ManagedNode):
         return cloud
 
     def _blocks(self, grid: HeightGrid) -> bytes:
-        height_map = decode.height_map(grid)
+        levels = LevelMap(None, self._dropped)
+        if self._upper is not None:
+            levels.take_upper(self._upper)
+        height_map = levels.take_lowest(grid) or decode.height_map(grid)
         corners, colours = markers.blocks(height_map)
         geometry = height_map.geometry
         origin = local_origin((*geometry.origin, geometry.ground_zero))

@@ -32,7 +32,7 @@ from heightmap25d_ros.pipelines.planning import Planning
 from heightmap25d_ros.pipelines.silence import CHECKS
 from heightmap25d_ros.planning.plan import Plan, Status
 from heightmap25d_ros.planning.planner import compile_kernels
-from heightmap25d_ros.viz import markers
+from heightmap25d_ros.viz.field_arrows import field_arrows
 
 _FIELD_PERIOD = 1.0  # [s] between two fields at the least
 _SPEED_PERIOD = 0.2  # [s] between two limits of the speed at the least
@@ -196,7 +196,7 @@ class PlanningNode(ManagedNode):
         self._unshown = None
         poses = np.empty((0, 4, 4))
         if plan.graph is not None and plan.cost_to_go is not None:
-            poses = markers.field_arrows(plan.graph, plan.cost_to_go)
+            poses = field_arrows(plan.graph, plan.cost_to_go)
         field, stamp = PoseArray(), self.get_clock().now().nanoseconds
         encode.fill_poses(field, Pose, poses, stamp, self.params.mapping.map_frame)
         self.publish("~/field", field)

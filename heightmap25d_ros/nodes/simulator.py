@@ -36,7 +36,12 @@ class SimulatorNode(PlainNode):
         super().__init__()
         params = parameters.declare_params(self, self.PARAMETERS).simulator
         self._rate = params.rate
-        mounted = recording.mounted_lasers(params.scan_rate, has_nodding=params.nodding)
+        mounted = recording.mounted_sensors(
+            params.scan_rate,
+            has_nodding=params.nodding,
+            lidar_rings=params.lidar_rings,
+            has_depth_camera=params.depth_camera,
+        )
         self._simulation = Simulation(
             recording.world_of(params.world, params.seed),
             params.seed,

@@ -14,7 +14,7 @@ import warnings
 from collections.abc import Collection, Mapping
 from typing import Any
 
-from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.errors import InputError, quoted
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.params.spec import Spec, Value, specs
 
@@ -54,14 +54,14 @@ def _convert(name: str, given: Any, default: Value, entries: type = float) -> An
     """The given value in the default's type: integers become floats, lists become tuples."""
     if isinstance(default, tuple):
         if not isinstance(given, list | tuple):
-            raise InputError(f"parameter {name}: {given!r} is not a list")
+            raise InputError(f"parameter {name}: {quoted(given)} is not a list")
         return tuple(_convert(name, entry, entries()) for entry in given)
     if isinstance(given, int) and abs(given) >= 2**63:
         raise InputError(f"parameter {name}: an integer has 64 bits")
     if isinstance(default, float) and isinstance(given, int) and not isinstance(given, bool):
         return float(given)
     if type(given) is not type(default):
-        raise InputError(f"parameter {name}: {given!r} is not a {type(default).__name__}")
+        raise InputError(f"parameter {name}: {quoted(given)} is not a {type(default).__name__}")
     return given
 
 

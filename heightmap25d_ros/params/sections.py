@@ -195,6 +195,12 @@ class TraversabilityParams(Section):
         0.05, "rms distance of the ground from its plane at which the cost is highest", "m",
         low=0.001, high=10.0,
     )  # fmt: skip
+    drop_offs: str = parameter(
+        "must",
+        "unknown cells behind an edge that are closed as suspected drop-offs: those whose ground "
+        "must be too low, those whose ground may be by a slope, or none",
+        choices=("must", "may", "none"),
+    )
     robot_radius: float = parameter(
         0.50, "radius of the disc that covers the robot", "m", low=0.0, high=5.0
     )
@@ -358,6 +364,12 @@ class OdometryParams(Section):
         "a jump between two poses closer than this is bridged: the robot has not moved, the "
         "odometry started anew; after a longer time its pose is unknown", "s",
         low=0.0, high=60.0,
+    )  # fmt: skip
+    spike_time: float = parameter(
+        0.3,
+        "how long poses that leave the motion wait for it to go on where it was left, and are "
+        "skipped then; 0: they do not wait", "s",
+        low=0.0, high=0.9,
     )  # fmt: skip
 
 
@@ -838,7 +850,7 @@ class SimulatorParams(Section):
         "room", "simulated world",
         choices=(
             "ramp", "room", "rough", "street", "arch", "garage", "moving", "plain_ramp",
-            "plain_street", "corridor", "court", "pillars", "twin_rooms",
+            "plain_street", "corridor", "court", "pillars", "twin_rooms", "overpass",
         ),
     )  # fmt: skip
     seed: int = parameter(1, "seed of the world's details and of the noise, from 0 on")
@@ -848,6 +860,12 @@ class SimulatorParams(Section):
     )  # fmt: skip
     scan_rate: float = parameter(37.5, "scan rate of each laser", "Hz", low=0.1, high=75.0)
     nodding: bool = parameter(False, "whether the robot carries a third, nodding laser")
+    lidar_rings: int = parameter(
+        0, "rings of a 3-D lidar in place of the lasers, from 8 on; 0: none", low=0, high=128
+    )
+    depth_camera: bool = parameter(
+        False, "whether the robot carries a depth camera in place of the lasers"
+    )
     true_odometry: bool = parameter(False, "whether odometry is free of errors")
 
 

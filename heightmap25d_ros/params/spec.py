@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.errors import InputError, quoted
 
 Value = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
 
@@ -74,7 +74,9 @@ def check(name: str, spec: Spec, value: Value) -> None:
         If it is outside of them.
     """
     if spec.choices and value not in spec.choices:
-        raise InputError(f"parameter {name}: {value!r} is not one of {', '.join(spec.choices)}")
+        raise InputError(
+            f"parameter {name}: {quoted(value)} is not one of {', '.join(spec.choices)}"
+        )
     for number in value if isinstance(value, tuple) else (value,):
         if isinstance(number, int | float) and not (
             math.isfinite(number) and spec.low <= number <= spec.high

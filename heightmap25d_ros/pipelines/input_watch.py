@@ -165,7 +165,7 @@ class InputWatch:
             count = int(np.count_nonzero(is_there))
             if count:
                 self.counts[place] += count
-                median = float(np.median(returns[is_there]))
+                median = float(np.median(returns[is_there].astype(np.float64)))
                 self._examples[place] = f"the median is {median:.4g} m against {limit}"
         examples = self._examples
         dropped.record(BEYOND_RANGE_MAX, examples.get(BEYOND, ""), int(is_beyond.sum()))

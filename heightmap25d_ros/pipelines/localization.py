@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from heightmap25d_ros import se3
+from heightmap25d_ros import pose_interpolation, se3
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_map import HeightMap
@@ -42,6 +42,7 @@ _AROUND = 2  # [cells] around a place that tell the height of the ground there
 
 def compile_kernels(params: Params) -> None:
     """Compile, or load from numba's cache, all that the first registration or search needs."""
+    pose_interpolation.compile_kernels()
     if params.intake.cloud_topics:
         cloud.compile_kernels()
     surface = Surface(np.zeros((4, 4), np.float32), np.zeros((4, 4), bool), (0.0, 0.0), 1.0)

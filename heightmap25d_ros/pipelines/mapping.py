@@ -11,14 +11,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from heightmap25d_ros import memory, se3
+from heightmap25d_ros import memory, pose_interpolation, se3
+from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_grid import TILE, HeightGrid, anchor_at
-from heightmap25d_ros.grid.height_map import Area, Geometry, HeightMap
+from heightmap25d_ros.grid.height_map import (
+    HEIGHT_RESOLUTION,
+    PROBABILITY_SCALE,
+    Area,
+    Geometry,
+    HeightMap,
+)
 from heightmap25d_ros.io import decode, layers_file, map_directory
 from heightmap25d_ros.io.decode import Odometry
 from heightmap25d_ros.localization.layers import LayerMap, LocalizationLayers
 from heightmap25d_ros.mapping import cloud, sensor_model
+from heightmap25d_ros.mapping.drop_offs import DropOffs
 from heightmap25d_ros.mapping.mapper import Mapper
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.drops import Drops
@@ -26,6 +34,7 @@ from heightmap25d_ros.pipelines.input_watch import InputWatch
 from heightmap25d_ros.pipelines.scan_queue import Reading, ScanQueue
 from heightmap25d_ros.pipelines.self_check import Finding, findings_of_drive
 from heightmap25d_ros.pipelines.silence import LOCALIZATION, Silence
+from heightmap25d_ros.terrain.explanation import Explanation, Waiting, explain, surroundings
 from heightmap25d_ros.terrain.obstacle_grid import ObstacleGrid, covering
 from heightmap25d_ros.terrain.shown_level import ShownLevel
 from heightmap25d_ros.terrain.traversability import ObstacleMap
@@ -44,6 +53,7 @@ def compile_kernels(params: Params) -> None:
 
     It takes seconds when nothing is cached: too long for a node whose messages queue up.
     """
+    pose_interpolation.compile_kernels()
     if params.intake.cloud_topics:
         cloud.compile_kernels()
     scratch = HeightGrid(replace(params.grid, extent=_SCRATCH_EXTENT), levels=params.levels)
@@ -56,6 +66,11 @@ def compile_kernels(params: Params) -> None:
     LocalizationLayers(scratch).integrate(
         sensor_model.Beams(
             origins=beam, ends=beam, is_hit=np.ones(1, bool), is_lone=np.zeros(1, bool)
+        )
+    )
+    DropOffs(scratch, params.traversability, params.mapper.probability_threshold).integrate(
+        sensor_model.Beams(
+            origins=beam, ends=beam + 1.0, is_hit=np.ones(1, bool), is_lone=np.zeros(1, bool)
         )
     )
     obstacles = ObstacleGrid(scratch.geometry, params.traversability)
@@ -172,10 +187,12 @@ class Mapping:
 
     def _use_params(self) -> None:
         self._mapper = Mapper(self.grid, self._params.sensor, self._params.mapper)
-        self._obstacles = ObstacleGrid(self.grid.geometry, self._params.traversability)
-        self._level = ShownLevel(
-            self._params.mapping.slice, self._params.levels, self._params.traversability
-        )
+        terrain, threshold = self._params.traversability, self._params.mapper.probability_threshold
+        self._obstacles = ObstacleGrid(self.grid.geometry, terrain)
+        self._level = ShownLevel(self._params.mapping.slice, self._params.levels, terrain)
+        self._drop_offs: DropOffs | None = None
+        if terrain.drop_offs != "none":
+            self._drop_offs = DropOffs(self.grid, terrain, threshold)
         self._changed = covering(_NO_TILES)
         self.grid.mark_changed()
 
@@ -330,6 +347,37 @@ class Mapping:
         tiles = self._obstacles.update(self.grid, threshold, self._level)
         self._changed = self._changed.hull(covering(tiles))
 
+    def explain(self, message: Any) -> Explanation:
+        """Why the cell at a geometry_msgs/PointStamped is occupied, dear or unknown.
+
+        Raises
+        ------
+        InputError
+            If the point is not in the frame of the map or of the odometry, or is no place.
+        """
+        point, grid = self._point_in_map(message), self.grid
+        window = surroundings(grid.geometry, point[:2], self._params.traversability)
+        height_map = grid.read(self._params.mapper.probability_threshold, window)
+        iy, ix = (int(index) for index in grid.geometry.cell_at(point[:2]))
+        cell = Area(iy, ix, 1, 1)
+        believed = float(grid.candidate_probability.read(cell)[0, 0]) / PROBABILITY_SCALE
+        waits = float(grid.candidate_height.read(cell)[0, 0]) * HEIGHT_RESOLUTION
+        waiting = Waiting(height=waits + grid.geometry.ground_zero, probability=believed)
+        params = self._params.traversability
+        return explain(height_map, point[:2], params, waiting if believed else None)
+
+    def _point_in_map(self, message: Any) -> Array:
+        """(3,) [m], map, of a geometry_msgs/PointStamped."""
+        frame = decode.frame_name(message.header.frame_id, "header.frame_id")
+        point = decode.point(message.point)
+        map_frame, odometry = self._params.mapping.map_frame, self._queue.odometry
+        if frame == map_frame:
+            return point
+        if odometry is not None and frame == odometry.frame_id:
+            return np.asarray(self.T_map_odom[:3, :3] @ point + self.T_map_odom[:3, 3])
+        known = [map_frame] if odometry is None else [map_frame, odometry.frame_id]
+        raise InputError(f"header.frame_id: is {frame!r}, not {' or '.join(map(repr, known))}")
+
     def layers(self, geometry: Geometry) -> LayerMap | None:
         """The localization layers of cells of the grid; None without them."""
         if self._layers is None:
@@ -401,6 +449,8 @@ class Mapping:
         result = self._mapper.integrate(beams)
         if self._layers is not None:
             self._layers.integrate(beams)
+        if self._drop_offs is not None:
+            self._drop_offs.integrate(beams)
         self.watch.observe_ranges(reading.scan, self._params.sensor.no_return, self.dropped)
         self.merged["scans"] += 1
         self.merged["returns"] += result.hits

@@ -6,6 +6,9 @@ A pose is judged by the motion that it implies since the last one. An implausibl
 next: a single wild pose is skipped, a jump that stays begins a new frame of the odometry. Where
 hardly any time lies in it, the robot has not moved, its driver started anew: the new frame follows
 by continuity. Where the robot may have moved, the frame stays unknown.
+
+Poses in a frame of another name are refused, unless for a while none comes in the present one: then
+it was the present one that was odd, or the driver was replaced, and that is a jump as well.
 """
 
 from __future__ import annotations
@@ -32,6 +35,7 @@ JUMPS = (SKIPPED, BRIDGED, UNKNOWN, RETURNED)
 
 _AT_ORIGIN = 1e-6  # [m, rad] as near to the identity is a driver's first pose, not a place
 _LEVELLED = 0.03  # [rad] of tilt in a jump up to which roll and pitch are gravity's on both sides
+_REPLACED_NS = 10**9  # of poses in a frame of another name, after which it is the present one
 _SHORTEST = 1_000_000  # [ns] poses that are closer in time do not tell a speed
 _MOST = 100  # frames and gaps that are remembered
 
@@ -105,6 +109,7 @@ class OdometryGate:
         self._last: Odometry | None = None
         self._previous: Odometry | None = None
         self._suspect: tuple[Odometry, str] | None = None
+        self._other: Odometry | None = None
         self._gaps: deque[tuple[int, int]] = deque(maxlen=_MOST)
 
     def refusal(self, odometry: Odometry, base_frame: str) -> tuple[str, str] | None:
@@ -116,7 +121,7 @@ class OdometryGate:
             return "odometry: of a frame in itself", repr(child)
         if self._last is None:
             return None
-        if frame != self._last.frame_id:
+        if frame != self._last.frame_id and not self._has_replaced(odometry):
             return "odometry: in another frame", f"in {frame!r}, not in {self._last.frame_id!r}"
         newest = self._last.stamp_ns
         if newest - JUMP_BACK_NS <= stamp < newest:
@@ -125,11 +130,22 @@ class OdometryGate:
         is_seen = stamp in (newest, waiting)
         return ("odometry: stamp seen before", "") if is_seen else None
 
+    def _has_replaced(self, odometry: Odometry) -> bool:
+        """Whether poses in a frame of another name have long come alone."""
+        other = self._other
+        is_first = other is None or other.frame_id != odometry.frame_id
+        if other is None or is_first or odometry.stamp_ns < other.stamp_ns:
+            self._other = odometry
+            return False
+        return odometry.stamp_ns > other.stamp_ns + _REPLACED_NS
+
     def admit(self, odometry: Odometry) -> list[Odometry]:
         """The poses to use now, in order: this one, with the one before it, or none yet."""
         last = self._last
         if last is None:
             return self._use(odometry)
+        if odometry.frame_id != last.frame_id:
+            return self._replace_frame(last, odometry)
         strain, detail = self._strain(last.T, odometry.T, odometry.stamp_ns - last.stamp_ns)
         suspect, first_detail = self._suspect or (None, "")
         from_suspect = math.inf
@@ -160,6 +176,17 @@ class OdometryGate:
         else:
             self._begin_frame(last, first, second, detail)
         return [*self._use(first), *self._use(second)]
+
+    def _replace_frame(self, last: Odometry, odometry: Odometry) -> list[Odometry]:
+        """Poses in a frame of another name go on, from where nobody knows."""
+        self.finish()
+        detail = f"from {last.frame_id!r} to {odometry.frame_id!r}"
+        if self._previous is None:  # one pose does not outvote many
+            present = replace(self._frames[-1], begin_ns=0)
+            self._change_frame(SKIPPED, present, last, odometry, detail)
+        else:
+            self._begin_frame(last, odometry, odometry, detail)
+        return self._use(odometry)
 
     def is_continuous(self, a: Odometry, b: Odometry) -> bool:
         """Whether a robot can have both poses in hardly any time, whatever their stamps say."""
@@ -206,7 +233,7 @@ class OdometryGate:
         return self._frames[max(index - 1, 0)]
 
     def _use(self, odometry: Odometry) -> list[Odometry]:
-        self._previous, self._last = self._last, odometry
+        self._previous, self._last, self._other = self._last, odometry, None
         return [odometry]
 
     def _strain(self, T_a: se3.Matrix, T_b: se3.Matrix, time_ns: int) -> tuple[float, str]:

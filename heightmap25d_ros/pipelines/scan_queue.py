@@ -10,8 +10,9 @@ node and the command line make the same map from the same bag.
 from __future__ import annotations
 
 from bisect import insort
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,8 @@ from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.input_watch import InputWatch
 from heightmap25d_ros.pipelines.map_correction import MapCorrection
 from heightmap25d_ros.pipelines.odometry_gate import OdometryGate
+from heightmap25d_ros.pipelines.odometry_spikes import OdometrySpikes
+from heightmap25d_ros.pipelines.repeated_scans import RepeatedScans
 from heightmap25d_ros.pipelines.robot_pose import robot_pose
 from heightmap25d_ros.pipelines.silence import ODOMETRY, Silence
 from heightmap25d_ros.pipelines.transform_buffer import JUMP_BACK_NS, Missing, TransformBuffer
@@ -143,6 +146,8 @@ class ScanQueue:
             mounts = se3.from_xyz_rpy(np.reshape(params.cloud_mounts, (-1, 6)))
             self._fixed_mounts |= dict(zip(params.cloud_topics, mounts[:, None], strict=True))
         self.gate = OdometryGate(odometry or OdometryParams(), self.dropped)
+        self._spikes = OdometrySpikes(odometry or OdometryParams(), self.dropped)
+        self._repeated = RepeatedScans()
         self.watch = InputWatch()
         self.silence = Silence([ODOMETRY, *params.source_topics], params.timeout)
         self.correction = MapCorrection(self.gate, is_bridging=is_bridging)
@@ -195,29 +200,45 @@ class ScanQueue:
             self.dropped.record(f"{scan.KIND}: out of order")
         elif scan.stamp_ns == released or waiting.order in (w.order for w in self._waiting):
             self.dropped.record(f"{scan.KIND}: stamp seen before")
+        elif self._is_repeated(topic, scan):
+            self.dropped.record("scan: the same as before, though the robot moves", topic)
         else:
             insort(self._waiting, waiting, key=lambda w: w.order)
             self.silence.hear(topic)
         return self._release()
 
+    def _is_repeated(self, topic: str, scan: Scan | Cloud) -> bool:
+        if isinstance(scan, Cloud) or self.odometry is None:
+            return False
+        return self._repeated.is_repeated(topic, scan.ranges, self.odometry.T)
+
     def add_odometry(self, odometry: Odometry) -> list[Reading]:
-        """Add a pose of the robot; an implausible one waits for the next, see `OdometryGate`."""
-        refusal = self.gate.refusal(odometry, self._params.base_frame)
-        if refusal is not None:
-            self.dropped.record(*refusal)
+        """Add a pose of the robot; an odd one waits, see `OdometrySpikes` and `OdometryGate`."""
+        if self._is_refused(odometry):
             return []
         if odometry.stamp_ns < self._odom_stamp_ns:
             self._start_over(odometry)
-        for admitted in self.gate.admit(odometry):
-            stamp, frame = admitted.stamp_ns, admitted.frame_id
+        self._use_odometry(self._spikes.admit(odometry))
+        return self._release()
+
+    def _is_refused(self, odometry: Odometry) -> bool:
+        refusal = self.gate.refusal(odometry, self._params.base_frame)
+        if refusal is not None:
+            self.dropped.record(*refusal)
+        return refusal is not None
+
+    def _use_odometry(self, poses: Iterable[Odometry]) -> None:
+        """Use poses that have waited long enough; those that came meanwhile may be out of order."""
+        sound = (p for p in poses if not self._is_refused(p))
+        for odometry in chain.from_iterable(map(self.gate.admit, sound)):
+            stamp, frame = odometry.stamp_ns, odometry.frame_id
             for topic in self._params.source_topics:
                 self._newest_ns.setdefault(topic, stamp - 1)
-            self.odometry, self._odom_frame, self._odom_stamp_ns = admitted, frame, stamp
-            self.watch.observe_odometry(admitted)
+            self.odometry, self._odom_frame, self._odom_stamp_ns = odometry, frame, stamp
+            self.watch.observe_odometry(odometry)
             self.silence.hear(ODOMETRY)
-            child = admitted.child_frame_id
-            self._odometry.add([Transform(parent=frame, child=child, stamp_ns=stamp, T=admitted.T)])
-        return self._release()
+            child = odometry.child_frame_id
+            self._odometry.add([Transform(parent=frame, child=child, stamp_ns=stamp, T=odometry.T)])
 
     def begin_drive(self) -> None:
         """The next messages are of another drive: nothing of before is joined with them.
@@ -225,6 +246,7 @@ class ScanQueue:
         What still waits is not used, see `flush`; static transforms stay.
         """
         self.correction.restart()
+        self._spikes.restart()
         self._waiting.clear()
         self._odometry.clear()
         self._transforms.forget_after(-1)
@@ -239,6 +261,7 @@ class ScanQueue:
 
     def flush(self) -> list[Reading]:
         """Nothing more will come: returns what is ready and counts the rest as dropped."""
+        self._use_odometry(self._spikes.finish())
         self.gate.finish()
         return self._release(is_end=True)
 
@@ -248,6 +271,7 @@ class ScanQueue:
         self.dropped.record("poses: clock jumped back")
         has_stayed = before is not None and self.gate.is_continuous(before, odometry)
         self.correction.restart(stamp_ns if has_stayed else None)
+        self._spikes.restart()
         self._forget_waiting(self._params.source_topics, after_ns=stamp_ns)
         self._transforms.forget_after(stamp_ns + JUMP_BACK_NS)
         self._newest_ns = {topic: min(ns, stamp_ns - 1) for topic, ns in self._newest_ns.items()}

@@ -23,6 +23,7 @@ from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.io import decode
 from heightmap25d_ros.io.decode import Transform
 from heightmap25d_ros.pipelines.drops import Drops
+from heightmap25d_ros.pose_interpolation import interpolate
 
 DEEPEST = 100
 """Frames above one another; what lies farther up is not looked at."""
@@ -87,7 +88,7 @@ class _Edge:
             between = stamps[after] != query_ns
             if too_wide[after[between] - 1].any():
                 return Missing.GAP
-        return se3.interpolate(stamps, np.stack(self.poses[around]), query_ns)
+        return interpolate(stamps, np.stack(self.poses[around]), query_ns)
 
 
 class TransformBuffer:

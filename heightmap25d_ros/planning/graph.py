@@ -140,6 +140,8 @@ def transition_graph(
     obstacles = to_obstacle_map(filled, terrain, ground)
     is_unknown = ~filled.known
     is_occupied = obstacles.occupancy == OCCUPIED
+    if terrain.drop_offs != "none":
+        is_occupied |= height_map.suspected
     is_forbidden = is_unknown if params.unknown == "forbid" else np.zeros_like(is_unknown)
     margin = math.ceil(params.unknown_margin / resolution) + 1
     enterable = cropped(

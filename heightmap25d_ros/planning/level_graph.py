@@ -11,7 +11,6 @@ the graphs are laid one below the other in one array, with these links.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -68,8 +67,7 @@ class LevelGraph:
     ) -> None:
         terrain, params = terrain or TraversabilityParams(), params or PlannerParams()
         self.stack = SurfaceStack(height_map, levels, terrain)
-        area = math.pi * (terrain.robot_radius / height_map.geometry.resolution) ** 2
-        slices = self.stack.slices(max(1, int(area)))
+        slices = self.stack.slices(self.stack.footprint_cells)
         self.layers = [found.layer for found in slices]
         if len(slices) * (height_map.geometry.shape[0] + 2) > LARGEST_SIDE:
             raise InputError(f"a map with {len(slices)} levels is too large to be planned over")

@@ -4,12 +4,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import tan
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from heightmap25d_ros.arrays import Array
 
@@ -29,7 +33,7 @@ Cells = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Pairs:
-    """Cells (N, 2) as (row, column) of starts and goals, and whether paths connect them.
+    """Cells (N, 3) as (level, row, column) of starts and goals, and whether paths connect them.
 
     A pair is reachable if a disc wider by a cell than the robot's has a path, unreachable if one
     narrower by a cell has none; other pairs are discarded. ``observed``: cells that the lasers
@@ -43,26 +47,33 @@ class Pairs:
     footprint_observed: Mask
 
 
-def choose(height: Array, seen: Mask, driven: Cells, rng: np.random.Generator) -> Pairs:
+def choose(height: Array, seen: Mask, driven: Cells, z: Array, rng: np.random.Generator) -> Pairs:
     """Draw pairs.
 
     Parameters
     ----------
-    height : (rows, columns) float64 [m]
-        Of the ground; infinite: closed.
-    seen : (rows, columns) bool
+    height : (levels, rows, columns) float64 [m]
+        Of the ground, as a robot on each level has it around itself; infinite: closed. Where two
+        levels have the same height in a cell, it is the same ground.
+    seen : (levels, rows, columns) bool
     driven : (N, 2) int64
         Cells of the robot's trajectory, from which starts are drawn.
+    z : (N,) float64 [m]
+        The robot's height there.
     rng : numpy.random.Generator
     """
-    wide, exact, narrow = (free(height, RADIUS + d) for d in (_MARGIN, 0.0, -_MARGIN))
-    driven = driven[wide[driven[:, 0], driven[:, 1]]]
-    parts, _ = ndimage.label(wide, _EVERYWHERE)
-    main = np.bincount(parts[driven[:, 0], driven[:, 1]]).argmax()
-    driven = driven[parts[driven[:, 0], driven[:, 1]] == main]
-    loose, _ = ndimage.label(narrow, _EVERYWHERE)
-    apart = seen & np.isfinite(height) & (loose != loose[tuple(driven[0])])
-    reachable = _drawn(np.argwhere(seen & (parts == main)), rng)
+    wide, exact, narrow = (_each(free, height, RADIUS + d) for d in (_MARGIN, 0.0, -_MARGIN))
+    off = np.abs(height[:, driven[:, 0], driven[:, 1]] - z)
+    driven = np.column_stack([off.argmin(axis=0), driven])
+    driven = driven[wide[tuple(driven.T)]]
+    parts = _parts(wide, height)
+    main = np.bincount(parts[tuple(driven.T)]).argmax()
+    driven = driven[parts[tuple(driven.T)] == main]
+    loose = _parts(narrow, height)
+    is_same = np.zeros_like(seen)
+    is_same[1:] = height[1:] == height[:-1]  # the same ground counts once
+    apart = seen & np.isfinite(height) & ~is_same & (loose != loose[tuple(driven[0])])
+    reachable = _drawn(np.argwhere(seen & ~is_same & (parts == main)), rng)
     # Free cells first; cells beside and on obstacles if there are too few.
     unreachable = np.concatenate(
         [_drawn(np.argwhere(apart & is_free), rng) for is_free in (narrow, ~narrow)]
@@ -70,9 +81,9 @@ def choose(height: Array, seen: Mask, driven: Cells, rng: np.random.Generator) -
     goal = np.concatenate([reachable, unreachable])
     start = driven[rng.integers(0, len(driven), len(goal))]
     is_reachable = np.arange(len(goal)) < len(reachable)
-    seen_cells, _ = ndimage.label(exact & seen, _EVERYWHERE)
-    whole = ndimage.distance_transform_edt(seen) * _CELL > RADIUS
-    seen_discs, _ = ndimage.label(exact & whole, _EVERYWHERE)
+    seen_cells = _parts(exact & seen, height)
+    whole = _each(_whole_discs, seen)
+    seen_discs = _parts(exact & whole, height)
     return Pairs(
         start,
         goal,
@@ -80,6 +91,29 @@ def choose(height: Array, seen: Mask, driven: Cells, rng: np.random.Generator) -
         is_reachable & _connected(seen_cells, start, goal),
         is_reachable & _connected(seen_discs, start, goal),
     )
+
+
+def _whole_discs(seen: Mask) -> Mask:
+    """Cells around which all cells of a disc are seen."""
+    return np.asarray(ndimage.distance_transform_edt(seen) * _CELL > RADIUS)
+
+
+def _each(function: Callable[..., Mask], levels: NDArray[Any], *arguments: float) -> Mask:
+    return np.stack([np.asarray(function(level, *arguments)) for level in levels])
+
+
+def _parts(is_open: Mask, height: Array) -> NDArray[np.int64]:
+    """Numbers of the connected parts of all levels, 0 where closed."""
+    labels = np.zeros(is_open.shape, np.int64)
+    for number, level in enumerate(is_open):
+        found, count = ndimage.label(level, _EVERYWHERE)
+        labels[number] = np.where(found > 0, found + labels.max(), 0)
+    shared = is_open[1:] & is_open[:-1] & (height[1:] == height[:-1])
+    pairs = labels[1:][shared], labels[:-1][shared]
+    count = int(labels.max()) + 1
+    graph = coo_array((np.ones(len(pairs[0])), pairs), (count, count))
+    _, joined = connected_components(graph, directed=False)
+    return np.where(labels > 0, joined[labels] + 1, 0)
 
 
 def free(height: Array, radius: float) -> Mask:
@@ -123,6 +157,6 @@ def _drawn(cells: Cells, rng: np.random.Generator) -> Cells:
     return rng.permutation(cells)[:WANTED]
 
 
-def _connected(parts: NDArray[np.int32], start: Cells, goal: Cells) -> Mask:
+def _connected(parts: NDArray[np.int64], start: Cells, goal: Cells) -> Mask:
     here, there = parts[tuple(start.T)], parts[tuple(goal.T)]
     return np.asarray((here == there) & (here > 0))

@@ -184,7 +184,7 @@ def garage(rng: np.random.Generator) -> World:
         for x, y in places
     ]
     return World(name="garage", area=((-2.5, 22.0), (-2.0, 9.5)), way=way, solids=tuple(solids),
-                 speed=1.4)  # fmt: skip
+                 speed=1.4, has_decks=True)  # fmt: skip
 
 
 def _parapet(

@@ -1,11 +1,15 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Laser scanners of the SICK LMS-200 class: their mounts, and noisy scans of a scene."""
+"""Laser scanners of the SICK LMS-200 class: their mounts, and noisy scans of a scene.
+
+`take_scan` takes the scans of all sensors, also those of `cloud_sensors`.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf, pi, radians
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +53,35 @@ class RangeNoise:
     mixed_step: float = 0.10
 
 
+class RangeSensor(Protocol):
+    """What `take_scan` needs to know of a sensor; all directions are in its own frame."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Lines of neighbouring beams, and beams of a line."""
+
+    @property
+    def duration(self) -> float:
+        """Of a scan, from its first beam to its end [s]."""
+
+    @property
+    def reach(self) -> float:
+        """Farthest range [m]."""
+
+    @property
+    def directions(self) -> Array:
+        """(N, 3): unit vectors, line by line."""
+
+    def beam_times(self, start: float) -> Array:
+        """(N,) [s]: time of each beam of a scan."""
+
+    def T_base_sensor(self, seconds: Array) -> se3.Matrix:
+        """(N, 4, 4): the mount at times [s]."""
+
+    def deviations(self, noise: RangeNoise, ranges: Array) -> Array:
+        """(N,) [m]: standard deviations of ranges (N,) [m]."""
+
+
 EXACT_RANGES = RangeNoise(sigma=0.0, step=0.0, dropout=0.0, short=0.0, mixed=0.0)
 
 
@@ -76,6 +109,34 @@ class Laser:
     rate: float = 37.5
     first_scan: float = 0.02
 
+    @property
+    def shape(self) -> tuple[int, int]:
+        """One line of beams."""
+        return 1, BEAMS
+
+    @property
+    def duration(self) -> float:
+        """Of a scan [s]."""
+        return SCAN_DURATION
+
+    @property
+    def reach(self) -> float:
+        """Farthest range [m]."""
+        return RANGE_MAX
+
+    @property
+    def directions(self) -> Array:
+        """(361, 3): in the plane of the scan."""
+        return np.stack([np.cos(ANGLES), np.sin(ANGLES), np.zeros(BEAMS)], axis=1)
+
+    def beam_times(self, start: float) -> Array:
+        """(361,) [s]: see `beam_times`."""
+        return beam_times(start)
+
+    def deviations(self, noise: RangeNoise, ranges: Array) -> Array:
+        """(N,) [m]: the same for all ranges (N,) [m]."""
+        return np.full(len(ranges), noise.sigma)
+
     def T_base_sensor(self, seconds: Array) -> se3.Matrix:
         """(N, 4, 4): the mount at times [s]."""
         poses = np.zeros((len(seconds), 6))
@@ -98,13 +159,13 @@ class TakenScan:
     Attributes
     ----------
     start : float [s]
-    ranges : (361,) float64 [m]
+    ranges : (N,) float64 [m]
         As measured; infinite: no return.
-    ends : (361, 3) float64 [m], map
+    ends : (N, 3) float64 [m], map
         True end of each beam; NaN: no surface within reach.
-    base_z : (361,) float64 [m], map
+    base_z : (N,) float64 [m], map
         Of base_link at each beam's time.
-    mover : (361,) int32
+    mover : (N,) int32
         Index of the moving object that was hit, or -1.
     """
 
@@ -121,7 +182,7 @@ def beam_times(start: float) -> Array:
 
 
 def take_scan(
-    laser: Laser,
+    sensor: RangeSensor,
     scene: Scene,
     start: float,
     T_map_base: se3.Matrix,
@@ -133,30 +194,38 @@ def take_scan(
     Parameters
     ----------
     start : float [s]
-    T_map_base : (361, 4, 4) float64
-        True poses at `beam_times`.
+    T_map_base : (N, 4, 4) float64
+        True poses at the times of its beams.
     """
-    T_map_sensor = T_map_base @ laser.T_base_sensor(beam_times(start))
-    axes = T_map_sensor[:, :3, :2]
-    directions = axes[:, :, 0] * np.cos(ANGLES)[:, None] + axes[:, :, 1] * np.sin(ANGLES)[:, None]
+    T_map_sensor = T_map_base @ sensor.T_base_sensor(sensor.beam_times(start))
+    axes, own = T_map_sensor[:, :3, :3], sensor.directions
+    directions = (
+        axes[:, :, 0] * own[:, :1] + axes[:, :, 1] * own[:, 1:2] + axes[:, :, 2] * own[:, 2:]
+    )
     # Moving objects are static during a scan.
-    scene.set_time(start + 0.5 * SCAN_DURATION)
+    scene.set_time(start + 0.5 * sensor.duration)
     ranges, mover = scene.ranges(T_map_sensor[:, :3, 3], directions)
-    reach = np.where(ranges <= RANGE_MAX, ranges, np.nan)
+    reach = np.where(ranges <= sensor.reach, ranges, np.nan)
     ends = T_map_sensor[:, :3, 3] + reach[:, None] * directions
-    return TakenScan(start, measured(ranges, noise, rng), ends, T_map_base[:, 2, 3], mover)
+    lines = ranges.reshape(sensor.shape)
+    noisy = np.concatenate([measured(line, noise, rng, sensor) for line in lines])
+    return TakenScan(start, noisy, ends, T_map_base[:, 2, 3], mover)
 
 
-def measured(ranges: Array, noise: RangeNoise, rng: np.random.Generator) -> Array:
-    """Measured ranges (N,) [m] of true ones; infinite where nothing returns."""
-    result = _mixed(ranges, noise, rng) + rng.normal(0.0, 1.0, len(ranges)) * noise.sigma
+def measured(
+    ranges: Array, noise: RangeNoise, rng: np.random.Generator, sensor: RangeSensor | None = None
+) -> Array:
+    """Measured ranges (N,) [m] of true ones of neighbours; infinite where nothing returns."""
+    sensor = sensor or LEVEL
+    deviations = sensor.deviations(noise, ranges)
+    result = _mixed(ranges, noise, rng) + rng.normal(0.0, 1.0, len(ranges)) * deviations
     is_short = rng.random(len(ranges)) < noise.short
-    shortened = rng.uniform(RANGE_MIN, np.clip(ranges, RANGE_MIN, RANGE_MAX))
+    shortened = rng.uniform(RANGE_MIN, np.clip(ranges, RANGE_MIN, sensor.reach))
     result = np.where(is_short, shortened, result)
     if noise.step:
         result = np.rint(result / noise.step) * noise.step
     is_lost = rng.random(len(ranges)) < noise.dropout
-    in_reach = (result >= RANGE_MIN) & (result <= RANGE_MAX)
+    in_reach = (result >= RANGE_MIN) & (result <= sensor.reach)
     return np.where(in_reach & ~is_lost, result, inf)
 
 

@@ -9,6 +9,7 @@ from math import pi
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rosbags.interfaces import (
     Qos,
     QosDurability,
@@ -20,6 +21,7 @@ from rosbags.interfaces import (
 from rosbags.typesys import Stores, get_typestore
 
 from heightmap25d_ros import se3
+from heightmap25d_ros.simulation.cloud_sensors import DepthCamera, Lidar
 from heightmap25d_ros.simulation.lasers import (
     ANGLE_INCREMENT,
     RANGE_MAX,
@@ -34,6 +36,7 @@ START_NS = 1_000_000_000_000_000_000
 STORE = get_typestore(Stores.ROS2_JAZZY)
 
 LASER_SCAN, ODOMETRY = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry"
+POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 
 
@@ -48,14 +51,19 @@ _DEFAULT = _qos(10, QosReliability.RELIABLE, QosDurability.VOLATILE)
 _LATCHED = _qos(1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL)
 
 
-def topics(mounted: Iterable[Laser]) -> dict[str, tuple[str, Qos]]:
+def topics(mounted: Iterable[Laser | Lidar | DepthCamera]) -> dict[str, tuple[str, Qos]]:
     """Topic -> message type and offered QoS profile."""
     return {
         "/tf_static": (TRANSFORMS, _LATCHED),
         "/tf": (TRANSFORMS, _DEFAULT),
         "/odom": (ODOMETRY, _DEFAULT),
         "/ground_truth": (ODOMETRY, _DEFAULT),
-        **{laser.topic: (LASER_SCAN, _SENSOR) for laser in mounted},
+        **{
+            sensor.topic: (LASER_SCAN, _SENSOR)
+            if isinstance(sensor, Laser)
+            else (POINT_CLOUD, _DEFAULT)
+            for sensor in mounted
+        },
     }
 
 
@@ -99,8 +107,45 @@ def odometry(seconds: float, frame_id: str, T: se3.Matrix, twist: tuple[float, f
     )
 
 
-def laser_scan(laser: Laser, scan: TakenScan) -> Message:
-    """A LaserScan."""
+def scan(sensor: Laser | Lidar | DepthCamera, taken: TakenScan) -> Message:
+    """A LaserScan, or a PointCloud2 of a lidar or a depth camera."""
+    if isinstance(sensor, Laser):
+        return _laser_scan(sensor, taken)
+    points = np.zeros(sensor.shape, _LIDAR_POINT if isinstance(sensor, Lidar) else _PIXEL)
+    # Without return: zero in the clouds of lidars, NaN in those of cameras.
+    missing = 0.0 if isinstance(sensor, Lidar) else np.nan
+    is_return = np.isfinite(taken.ranges)
+    ranges = np.where(is_return, taken.ranges, 0.0)[:, None]
+    places = np.where(is_return[:, None], ranges * sensor.directions, missing)
+    for axis, name in enumerate("xyz"):
+        points[name] = places[:, axis].reshape(sensor.shape)
+    if isinstance(sensor, Lidar):
+        points["t"] = np.rint((sensor.beam_times(0.0) * 1e9).reshape(sensor.shape))
+        points["ring"] = np.arange(sensor.rings)[:, None]
+    return _point_cloud(_header(taken.start, sensor.frame_id), points)
+
+
+_LIDAR_POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("t", "<u4"), ("ring", "<u2")])
+_PIXEL = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4")])
+_DATATYPES = {"<u2": 4, "<u4": 6, "<f4": 7}
+
+
+def _point_cloud(header: Message, points: NDArray[Any]) -> Message:
+    """Of a structured array (rows, columns)."""
+    rows, columns = points.shape
+    size = points.dtype.itemsize
+    fields = [
+        _message("sensor_msgs/msg/PointField", name, offset, _DATATYPES[kind.str], 1)
+        for name, (kind, offset, *_) in (points.dtype.fields or {}).items()
+    ]
+    is_dense = bool(np.isfinite(points["x"]).all())
+    data = np.frombuffer(points.tobytes(), np.uint8)
+    return _message(
+        POINT_CLOUD, header, rows, columns, fields, False, size, size * columns, data, is_dense
+    )
+
+
+def _laser_scan(laser: Laser, scan: TakenScan) -> Message:
     return _message(
         LASER_SCAN,
         _header(scan.start, laser.frame_id),

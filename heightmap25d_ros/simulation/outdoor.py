@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Outdoor worlds: ramp, rough, street."""
+"""Outdoor worlds: ramp, rough, street, overpass."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from heightmap25d_ros.simulation.worlds import (
     scattered,
     smooth,
     turned_box,
+    walls,
 )
 
 _DEEP = -4.0
@@ -207,4 +208,44 @@ def _street_furniture(
     ]
 
 
-BUILDERS = {"ramp": ramp_down, "rough": rough, "street": street}
+def overpass(rng: np.random.Generator) -> World:
+    """A bridge over a road: two ramps and a deck between them, all driven, and the way below it.
+
+    Which of the two comes first is drawn.
+    """
+    rise, slab = rng.uniform(2.1, 2.4), 0.3
+    foot, length = 2.06, rng.uniform(9.0, 9.6)
+    head, end = foot + length, foot + length + 5.0
+    last, lane = end + length, (-1.53, 1.53)
+    x, y = (-2.03, last + 2.6), (-5.03, 5.03)
+    solids = [
+        floor(),
+        ramp((foot, head), lane, (0.0, rise), thickness=3.0),
+        box((head, end), lane, (rise - slab, rise), is_overhead=True),
+        ramp((end, last), lane, (rise, 0.0), thickness=3.0),
+        *(box((head, end), side, (rise - slab, rise + 0.7), is_overhead=True)
+          for side in ((lane[0] - 0.2, lane[0]), (lane[1], lane[1] + 0.2))),
+        *walls(x, y, 3.6),
+    ]  # fmt: skip
+    middle, aside = (head + end) / 2, 3.3
+    over = [(0.0, 0.0), (last + 1.2, 0.0), (last + 1.2, -aside), (middle, -aside),
+            (middle, aside), (foot, aside)]  # fmt: skip
+    under = [(0.0, 0.0), (0.6, -aside), (middle, -aside), (middle, aside), (-0.6, aside),
+             (-0.6, 0.0), (last + 0.6, 0.0)]  # fmt: skip
+    is_over_first = rng.random() < 0.5
+    way = smooth(np.array(over if is_over_first else under), 1.0)
+    sizes = rng.uniform(0.35, 0.7, (8, 2))
+    taken: list[tuple[float, float, float]] = []
+    solids += [
+        turned_box(px, py, (sx, sy), rng.uniform(0.2, 0.9), rng.uniform(0.0, 1.57))
+        for side in ((y[0], lane[0] - 0.6), (lane[1] + 0.6, y[1]))
+        for (px, py), (sx, sy) in zip(
+            scattered(rng, ((foot, last), side), taken, way, np.hypot(*sizes.T) / 2), sizes,
+            strict=False,
+        )
+    ]  # fmt: skip
+    return World(name="overpass", area=((-2.5, 29.0), (-5.5, 5.5)), way=way, solids=tuple(solids),
+                 speed=1.4, has_decks=True)  # fmt: skip
+
+
+BUILDERS = {"ramp": ramp_down, "rough": rough, "street": street, "overpass": overpass}

@@ -15,11 +15,23 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.simulation import indoor, messages, outdoor, plain, repeats, truth
-from heightmap25d_ros.simulation.lasers import DOWN, LEVEL, NODDING, SCAN_DURATION, Laser
+from heightmap25d_ros.simulation.cloud_sensors import (
+    FEWEST_RINGS,
+    MOST_RINGS,
+    DepthCamera,
+    Lidar,
+)
+from heightmap25d_ros.simulation.lasers import DOWN, LEVEL, NODDING, SCAN_DURATION
 from heightmap25d_ros.simulation.odometry import EXACT_ODOMETRY
 from heightmap25d_ros.simulation.pure_pursuit import Driver
 from heightmap25d_ros.simulation.robot import MAX_SPEED
-from heightmap25d_ros.simulation.simulation import NOISE_FREE, Noise, Simulation, TimedMessage
+from heightmap25d_ros.simulation.simulation import (
+    NOISE_FREE,
+    Noise,
+    Sensor,
+    Simulation,
+    TimedMessage,
+)
 from heightmap25d_ros.simulation.worlds import World, weaving
 
 BUILDERS = {**outdoor.BUILDERS, **indoor.BUILDERS, **plain.BUILDERS, **repeats.BUILDERS}
@@ -88,8 +100,7 @@ def simulate(
     *,
     drive: int = 0,
     speed: float | None = None,
-    scan_rate: float = LEVEL.rate,
-    has_nodding: bool = False,
+    mounted: Sequence[Sensor] = (LEVEL, DOWN),
     noise: Noise | None = None,
 ) -> dict[str, Any]:
     """Drive through a world once; write a bag and its truth, the same bytes every time.
@@ -106,9 +117,8 @@ def simulate(
         Drives other than 0 take another path through the same world, with other noise.
     speed : float [m/s], optional
         Of the drive; the world's own otherwise.
-    scan_rate : float [Hz]
-    has_nodding : bool
-        Whether the robot carries a third, nodding laser.
+    mounted : sequence of Laser, Lidar and DepthCamera
+        See `mounted_sensors`.
     noise : Noise, optional
 
     Returns
@@ -119,13 +129,12 @@ def simulate(
     Raises
     ------
     InputError
-        If the directory exists, or for an unknown world, a negative drive, a seed, a speed or a
-        rate out of range, and where the robot cannot follow the drive.
+        If the directory exists, or for an unknown world, a negative drive, a seed or a speed out
+        of range, and where the robot cannot follow the drive.
     """
     if directory.exists():
         raise InputError(f"{directory}: exists already")
     world = at_speed(another_drive(world_of(name, seed), seed, drive), speed)
-    mounted = mounted_lasers(scan_rate, has_nodding=has_nodding)
     simulation = Simulation(world, [seed, drive] if drive else seed, noise, mounted)
     surface = truth.Surface(world)
     events = [*simulation.begin(), *_drive(simulation, world, surface)]
@@ -145,14 +154,41 @@ def simulate(
     }
 
 
-def mounted_lasers(scan_rate: float, *, has_nodding: bool) -> tuple[Laser, ...]:
-    """The level laser, the downward one, and optionally a nodding one.
+def mounted_sensors(
+    scan_rate: float = LEVEL.rate,
+    *,
+    has_nodding: bool = False,
+    lidar_rings: int = 0,
+    has_depth_camera: bool = False,
+) -> tuple[Sensor, ...]:
+    """The level laser, the downward one, and optionally a nodding one; or others in their place.
+
+    Parameters
+    ----------
+    scan_rate : float [Hz]
+        Of the lasers.
+    has_nodding : bool
+    lidar_rings : int
+        Of a 3-D lidar in place of the lasers; 0: none.
+    has_depth_camera : bool
+        In place of the lasers, besides the lidar.
 
     Raises
     ------
     InputError
-        If the rate is out of the range of the lasers.
+        If the rate or the number of rings is out of range, or a nodding laser shall be beside
+        what takes the place of the lasers.
     """
+    if lidar_rings and not FEWEST_RINGS <= lidar_rings <= MOST_RINGS:
+        raise InputError(
+            f"lidar: {lidar_rings} rings are not within {FEWEST_RINGS} .. {MOST_RINGS}"
+        )
+    others: list[Sensor] = [Lidar(rings=lidar_rings)] if lidar_rings else []
+    others += [DepthCamera()] if has_depth_camera else []
+    if others:
+        if has_nodding:
+            raise InputError("nodding: there are no lasers beside a lidar or a depth camera")
+        return tuple(others)
     if not 0.1 <= scan_rate <= 1.0 / SCAN_DURATION:
         raise InputError(f"scan rate {scan_rate:g}: is not within 0.1 .. {1 / SCAN_DURATION:g}")
     mounted = (LEVEL, DOWN, NODDING) if has_nodding else (LEVEL, DOWN)
@@ -217,7 +253,7 @@ def _drive(simulation: Simulation, world: World, surface: truth.Surface) -> list
     return events
 
 
-def _write(directory: Path, events: list[TimedMessage], mounted: Sequence[Laser]) -> None:
+def _write(directory: Path, events: list[TimedMessage], mounted: Sequence[Sensor]) -> None:
     writer = Writer(directory, version=9, storage_plugin=StoragePlugin.MCAP)
     writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
     topics = messages.topics(mounted)

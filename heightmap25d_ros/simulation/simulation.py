@@ -16,14 +16,15 @@ import numpy as np
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
+from heightmap25d_ros.pose_interpolation import interpolate
 from heightmap25d_ros.simulation import lasers, messages
+from heightmap25d_ros.simulation.cloud_sensors import DepthCamera, Lidar
 from heightmap25d_ros.simulation.lasers import (
     EXACT_RANGES,
     SCAN_DURATION,
     Laser,
     RangeNoise,
     TakenScan,
-    beam_times,
     take_scan,
 )
 from heightmap25d_ros.simulation.messages import Message
@@ -35,6 +36,9 @@ STEP = 0.005
 """Of time [s]."""
 
 _ODOMETRY_PERIOD = 0.02
+_WAIT = 2 * SCAN_DURATION  # [s] after the end of a scan until it is taken, at most
+
+Sensor = Laser | Lidar | DepthCamera
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,7 +69,7 @@ class Simulation:
     seed : int or sequence of int
         Of the noise.
     noise : Noise
-    mounted : sequence of Laser
+    mounted : sequence of Laser, Lidar and DepthCamera
     step : float [s]
         Of time, a whole part of 0.02 s.
 
@@ -74,7 +78,7 @@ class Simulation:
     robot : Robot
     seconds : float
         Since the start.
-    scans : list of (Laser, TakenScan)
+    scans : list of (sensor, TakenScan)
         The scans that ended in the last step, with their ground truth.
     """
 
@@ -83,7 +87,7 @@ class Simulation:
         world: World,
         seed: int | Sequence[int],
         noise: Noise | None = None,
-        mounted: Sequence[Laser] = (lasers.LEVEL, lasers.DOWN),
+        mounted: Sequence[Sensor] = (lasers.LEVEL, lasers.DOWN),
         step: float = STEP,
     ) -> None:
         self._step = step
@@ -97,8 +101,10 @@ class Simulation:
         self._taken = [0] * len(self._lasers)
         self._count = 0
         self.robot = Robot(self._scene)
-        self.scans: list[tuple[Laser, TakenScan]] = []
-        self._poses = deque([self.robot.T], maxlen=1 + round(3 * SCAN_DURATION / step))
+        self.scans: list[tuple[Sensor, TakenScan]] = []
+        longest = max((sensor.duration for sensor in mounted), default=0.0)
+        history = 1 + round((longest + _WAIT) / step)
+        self._poses = deque([self.robot.T], maxlen=history)
         self._T_at_odometry = self.robot.T
 
     @property
@@ -163,16 +169,16 @@ class Simulation:
         self.scans, events = [], []
         for index, laser in enumerate(self._lasers):
             start = laser.first_scan + self._taken[index] / laser.rate
-            if start + SCAN_DURATION > self.seconds:
+            end = start + laser.duration
+            if end > self.seconds:
                 continue
             self._taken[index] += 1
-            poses = self._poses_at(beam_times(start))
+            poses = self._poses_at(laser.beam_times(start))
             scan = take_scan(
                 laser, self._scene, start, poses, self._noise.ranges, self._rngs[index + 1]
             )
             self.scans.append((laser, scan))
-            message = messages.laser_scan(laser, scan)
-            events.append(TimedMessage(start + SCAN_DURATION, laser.topic, message))
+            events.append(TimedMessage(end, laser.topic, messages.scan(laser, scan)))
         return events
 
     def _poses_at(self, seconds: Array) -> se3.Matrix:
@@ -180,4 +186,4 @@ class Simulation:
         first = self._count - len(self._poses) + 1
         stamps = np.rint((first + np.arange(len(self._poses))) * self._step * 1e9).astype(np.int64)
         query = np.rint(seconds * 1e9).astype(np.int64)
-        return se3.interpolate(stamps, np.array(self._poses), query)
+        return interpolate(stamps, np.array(self._poses), query)

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,56 @@ _SAMPLES = 8
 _BORDER = 0.001
 
 
+class Levels:
+    """The ground below overhead solids, and what a robot on these drives on.
+
+    The second level has the tops of overhead solids, and the ground where there are none.
+
+    Parameters
+    ----------
+    ground, underside : (rows, columns) float64 [m]
+        The underside of what is overhead; infinite: nothing is.
+    """
+
+    def __init__(self, ground: Array, underside: Array) -> None:
+        self._ground, self._underside = ground, underside
+        self._is_below = np.isfinite(underside)
+        self._seen = np.full((2, *ground.shape), -np.inf)
+
+    def merge(self, at: tuple[NDArray[np.int64], ...], z: Array) -> None:
+        """Add returns at heights [m] in cells: those from an underside or above are overhead."""
+        is_overhead = z >= self._underside[at] - _BORDER
+        for level, chosen in enumerate((~is_overhead, is_overhead | ~self._is_below[at])):
+            rows, columns = at[0][chosen], at[1][chosen]
+            np.maximum.at(self._seen[level], (rows, columns), z[chosen])
+
+    @property
+    def is_seen(self) -> NDArray[np.bool_]:
+        """(2, rows, columns): whether a return was from that level."""
+        return np.isfinite(self._seen)
+
+    def tops(self, top: Array) -> Array:
+        """(2, rows, columns) [m]: the highest points of each level."""
+        return np.stack([np.where(self._is_below, self._ground, top), top])
+
+    def drivable(self, top: Array, height: float) -> Array:
+        """The same, infinite where a robot of a height [m] does not fit."""
+        tops = self.tops(top)
+        tops[0][self._underside - self._ground < height] = np.inf
+        return tops
+
+    def arrays(self, top: Array) -> dict[str, Any]:
+        """For ``surface.npz``."""
+        clearance = np.stack([self._underside - self._ground, np.full_like(top, np.inf)])
+        clearance[1][~self._is_below] = clearance[0][~self._is_below]
+        seen = np.where(self.is_seen, self._seen, np.nan)
+        return {
+            "level_top": self.tops(top).astype(np.float32),
+            "level_seen": seen.astype(np.float32),
+            "level_clearance": clearance.astype(np.float32),
+        }
+
+
 class Surface:
     """The surface of a world, and the part of it that the lasers of a drive measured.
 
@@ -38,6 +89,10 @@ class Surface:
         (x0, x1), (y0, y1) = world.area
         self.origin = (x0, y0)
         self.shape = (round((y1 - y0) / RESOLUTION), round((x1 - x0) / RESOLUTION))
+        self._levels: Levels | None = None
+        if world.has_decks:
+            _, ground, clearance = self.heights(0.0)
+            self._levels = Levels(ground, ground + clearance)
         self._seen = np.full(self.shape, -np.inf)
         # Returns from movers: they count if the mover is still there at the end.
         self._met: list[tuple[Array, NDArray[np.int32], float]] = []
@@ -70,21 +125,22 @@ class Surface:
             ground=ground.astype(np.float32),
             clearance=clearance.astype(np.float32),
             removed_at=self._removed(seconds).astype(np.float32),
+            **({} if self._levels is None else self._levels.arrays(top)),
             resolution=np.float64(RESOLUTION),
             origin=np.array(self.origin),
             window=np.array(WINDOW),
             seed=np.int64(seed),
         )
-        chosen = goals.choose(
-            np.where(clearance < HEIGHT, np.inf, ground),
-            np.isfinite(seen),
-            self._cells(np.array(self._way)),
-            np.random.default_rng([seed, 7]),
-        )
+        rng, way = np.random.default_rng([seed, 7]), np.array(self._way)
+        heights = np.where(clearance < HEIGHT, np.inf, ground)[None]
+        seen_cells = np.isfinite(seen)[None]
+        if self._levels is not None:
+            heights, seen_cells = self._levels.drivable(top, HEIGHT), self._levels.is_seen
+        chosen = goals.choose(heights, seen_cells, self._cells(way), way[:, 2], rng)
         np.savez_compressed(
             directory / "goals.npz",
-            start=self._places(chosen.start, ground),
-            goal=self._places(chosen.goal, ground),
+            start=self._places(chosen.start, heights),
+            goal=self._places(chosen.goal, heights),
             reachable=chosen.reachable,
             observed=chosen.observed,
             footprint_observed=chosen.footprint_observed,
@@ -98,7 +154,10 @@ class Surface:
         cells = self._cells(points)
         rows, columns = cells.T
         inside = (rows >= 0) & (rows < self.shape[0]) & (columns >= 0) & (columns < self.shape[1])
-        np.maximum.at(self._seen, (rows[inside], columns[inside]), points[inside, 2])
+        at, z = (rows[inside], columns[inside]), points[inside, 2]
+        np.maximum.at(self._seen, at, z)
+        if self._levels is not None:
+            self._levels.merge(at, z)
 
     def _merge_what_stayed(self, seconds: float) -> None:
         movers = self._world.movers
@@ -111,10 +170,10 @@ class Surface:
         offset = (points[:, 1::-1] - np.array(self.origin[::-1])) / RESOLUTION
         return np.asarray(np.floor(offset), np.int64)
 
-    def _places(self, cells: NDArray[np.int64], ground: Array) -> Array:
-        """(N, 3) [m], map: centres of cells (row, column), on the ground."""
-        middle = np.array(self.origin) + RESOLUTION * (cells[:, ::-1] + 0.5)
-        return np.column_stack([middle, ground[cells[:, 0], cells[:, 1]]])
+    def _places(self, cells: NDArray[np.int64], heights: Array) -> Array:
+        """(N, 3) [m], map: centres of cells (level, row, column), on the ground."""
+        middle = np.array(self.origin) + RESOLUTION * (cells[:, :0:-1] + 0.5)
+        return np.column_stack([middle, heights[tuple(cells.T)]])
 
     def heights(self, seconds: float) -> tuple[Array, Array, Array]:
         """Top, ground below overhead solids, and headroom above that ground [m].

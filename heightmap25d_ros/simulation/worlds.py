@@ -32,6 +32,8 @@ class World:
         As for `Scene`.
     speed : float [m/s]
         Of the drive.
+    has_decks : bool
+        Whether the robot drives on overhead solids, too: then the truth is given per level.
     """
 
     name: str
@@ -41,6 +43,7 @@ class World:
     terrain: Terrain | None = None
     movers: tuple[Mover, ...] = ()
     speed: float = 1.0
+    has_decks: bool = False
 
     def scene(self) -> Scene:
         """The geometry of the world."""

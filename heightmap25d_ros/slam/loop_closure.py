@@ -20,7 +20,6 @@ from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.localization.global_search import Prior, relocalize
 from heightmap25d_ros.localization.landmarks import Landmarks, landmarks_of
 from heightmap25d_ros.localization.matching import RegistrationPoints
-from heightmap25d_ros.localization.pose_filter import correction_about
 from heightmap25d_ros.localization.registration import Reason
 from heightmap25d_ros.localization.scan_update import Update, update_by_returns
 from heightmap25d_ros.localization.surface import surface_of
@@ -95,7 +94,7 @@ def search(
     if not found.is_accepted:
         return Found(reason=found.reason, drift=np.eye(4), covariance=np.eye(4))
     x, y, yaw = found.offset
-    coarse = correction_about(T_map_base, (float(x), float(y), found.z), float(yaw))
+    coarse = se3.correction_about(T_map_base, (float(x), float(y), found.z), float(yaw))
     return _proven(query, coarse, landmarks_of(height_map, layers), params)
 
 
@@ -109,7 +108,7 @@ def _proven(query: Query, coarse: se3.Matrix, landmarks: Landmarks, params: Para
         landmarks, params.scan_filter,
     )  # fmt: skip
     x, y, yaw, z = (float(error) for error in update.error[:4])
-    drift = correction_about(T_map_base, (x, y, z), yaw) @ coarse
+    drift = se3.correction_about(T_map_base, (x, y, z), yaw) @ coarse
     observed = update.information + np.diag(1.0 / _NEAR)
     covariance = np.asarray(np.linalg.inv(observed)) + _FLOOR
     return Found(reason=_judged(update, params), drift=drift, covariance=covariance)

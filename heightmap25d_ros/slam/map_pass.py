@@ -14,7 +14,8 @@ import numpy as np
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.localization.landmarks import Landmarks
-from heightmap25d_ros.localization.scan_filter import ScanFilter, unknown_errors
+from heightmap25d_ros.localization.odometry_errors import unknown_errors
+from heightmap25d_ros.localization.scan_filter import ScanFilter
 from heightmap25d_ros.localization.scan_window import ScanWindow
 from heightmap25d_ros.localization.short_term import distance_travelled
 from heightmap25d_ros.localization.tracking_state import CONTRADICTIONS

@@ -22,8 +22,9 @@ from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.localization import surface
 from heightmap25d_ros.localization.landmarks import Landmarks
 from heightmap25d_ros.localization.matching import RegistrationPoints
+from heightmap25d_ros.localization.odometry_errors import unknown_errors
 from heightmap25d_ros.localization.registration import Reason, Registration
-from heightmap25d_ros.localization.scan_filter import ScanFilter, unknown_errors
+from heightmap25d_ros.localization.scan_filter import ScanFilter
 from heightmap25d_ros.localization.scan_window import ScanWindow
 from heightmap25d_ros.localization.short_term import distance_travelled
 from heightmap25d_ros.localization.tracking_state import CONTRADICTIONS
@@ -258,9 +259,7 @@ class OwnMapTracker:
         if self._landmarks is None:
             self._window.confirm()
             return
-        found = self.estimate.update(
-            returns, self._T_odom_base, self._landmarks, is_map_growing=True
-        )
+        found = self.estimate.update_growing(returns, self._T_odom_base, self._landmarks)
         self.last = found
         self._is_new_around = found.known < _MOSTLY_KNOWN
         if found.reason in (Reason.ACCEPTED, Reason.UNOBSERVED):

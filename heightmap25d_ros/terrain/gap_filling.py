@@ -7,6 +7,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage
 
 from heightmap25d_ros.grid.height_map import HEIGHT_LIMIT, PROBABILITY_SCALE, HeightMap
@@ -28,11 +29,7 @@ def fill_gaps(height_map: HeightMap, max_gap: float) -> HeightMap:
     width = int(max_gap / height_map.geometry.resolution + 1e-6)
     if not width:
         return height_map
-    # A morphological closing; the origins of an even square are mirrored in its two halves.
-    side, mirrored = width + 1, -(width % 2)
-    dilated = ndimage.maximum_filter(np.pad(height_map.known, side), side)
-    closed = cropped(ndimage.minimum_filter(dilated, side, origin=mirrored), side)
-    gap = closed & ~height_map.known
+    gap = closed(height_map.known, width + 1) & ~height_map.known
     iy, ix = np.nonzero(gap)
     filled = height_map.height.copy()
     filled[iy, ix] = _gap_heights(height_map.height, height_map.known, iy, ix, width)
@@ -41,6 +38,14 @@ def fill_gaps(height_map: HeightMap, max_gap: float) -> HeightMap:
         height=filled,
         probability=np.where(gap, np.uint16(PROBABILITY_SCALE), height_map.probability),
     )
+
+
+def closed(cells: NDArray[np.bool_], side: int) -> NDArray[np.bool_]:
+    """Cells and the gaps between them into which a square of a side [cells] does not fit."""
+    # A morphological closing; the origins of an even square are mirrored in its two halves.
+    mirrored = -((side - 1) % 2)
+    dilated = ndimage.maximum_filter(np.pad(cells, side), side)
+    return np.asarray(cropped(ndimage.minimum_filter(dilated, side, origin=mirrored), side))
 
 
 @kernel

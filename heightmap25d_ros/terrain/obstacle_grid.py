@@ -23,6 +23,8 @@ from heightmap25d_ros.terrain.traversability import (
     to_obstacle_map,
 )
 
+_SUSPECTED = np.int8(OCCUPIED + 2)  # a stored cost
+
 BLOCK = 16
 """Side [tiles] of the squares that are converted together."""
 
@@ -51,7 +53,7 @@ class ObstacleGrid:
         radius = covering_disc(params, geometry.resolution).radius
         self._influence = radius + max(radius, 1)  # of inflation, and of the ground of a cell
         tiles = geometry.shape[0] // TILE, geometry.shape[1] // TILE
-        # A cost is stored plus 1: what was never written is unknown.
+        # A cost is stored plus 1: what was never written is unknown. `_SUSPECTED` is unknown, too.
         self._cost = TiledArray(tiles, np.int8)
         self._blocked = TiledArray(tiles, np.uint8)
 
@@ -80,16 +82,21 @@ class ObstacleGrid:
                 heights = level.seen_in(heights, window)
             converted = to_obstacle_map(heights, self._params)
             inside = area.slices(window)
-            self._cost.write(area, converted.cost[inside] + np.int8(1))
+            is_suspected = (converted.cost == OCCUPIED) & (converted.occupancy < 0)
+            stored = np.where(is_suspected, _SUSPECTED, converted.cost + np.int8(1))
+            self._cost.write(area, stored[inside])
             self._blocked.write(area, converted.blocked[inside])
         return tiles
 
     def read(self, area: Area) -> ObstacleMap:
         """Dense copy of an area; unknown outside of the grid."""
-        cost = self._cost.read(area) - np.int8(1)
+        stored = self._cost.read(area)
+        is_suspected = stored == _SUSPECTED
+        cost = np.where(is_suspected, np.int8(OCCUPIED), stored - np.int8(1))
+        occupancy = np.where(cost == OCCUPIED, cost, np.minimum(cost, np.int8(0)))
         return ObstacleMap(
             geometry=self._geometry.part(area),
-            occupancy=np.where(cost == OCCUPIED, cost, np.minimum(cost, np.int8(0))),
+            occupancy=np.where(is_suspected, np.int8(-1), occupancy),
             cost=cost,
             blocked=self._blocked.read(area),
         )

@@ -16,6 +16,8 @@ cell, a path may go from one to the other. A map of one level is its own slice.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,6 +33,7 @@ from heightmap25d_ros.grid.height_map import (
 from heightmap25d_ros.grid.levels import NO_UPPER
 from heightmap25d_ros.kernels import kernel
 from heightmap25d_ros.params.sections import LevelsParams, TraversabilityParams
+from heightmap25d_ros.terrain.gap_filling import closed
 from heightmap25d_ros.terrain.steps import NEIGHBOURS, UNOBSERVED
 
 MOST_SLICES = 12
@@ -98,7 +101,7 @@ class SurfaceStack:
         terrain: TraversabilityParams | None = None,
     ) -> None:
         levels, terrain = levels or LevelsParams(), terrain or TraversabilityParams()
-        self._height_map = height_map
+        self._height_map, self._terrain = height_map, terrain
         self._clear = round(levels.clear_height / HEIGHT_RESOLUTION)
         self._max_step = int(terrain.max_step / HEIGHT_RESOLUTION + 1e-6)
         self._reach = 1 + int(_GAP / height_map.geometry.resolution + 1e-6)
@@ -129,9 +132,21 @@ class SurfaceStack:
         self._probability[-1, y, x] = 0
 
     @property
+    def footprint_cells(self) -> int:
+        """Number of cells of the robot's disc: on less it cannot stand."""
+        radius = self._terrain.robot_radius / self.geometry.resolution
+        return max(1, int(math.pi * radius**2))
+
+    @property
     def geometry(self) -> Geometry:
         """The map's."""
         return self._height_map.geometry
+
+    def layers(self) -> Iterator[HeightMap]:
+        """The layers as maps of one level, from below."""
+        for number, top in enumerate(self.top):
+            layer = np.where(top == UNOBSERVED, _NONE, number).astype(np.int8)
+            yield self._slice(layer).height_map
 
     def lowest(self) -> Slice:
         """The lowest surface of each cell."""
@@ -202,14 +217,20 @@ class SurfaceStack:
         return layer
 
     def _completed(self, layer: NDArray[np.int8]) -> NDArray[np.int8]:
-        """With what the walk does not reach, as seen from the nearest surface that it does."""
+        """With what the walk does not reach, as seen from the nearest surface that it does.
+
+        In a narrow gap of an upper surface, what lies a clear height or more below it is not on its
+        level, on which the gap is unknown.
+        """
         y, x = ndimage.distance_transform_edt(
             layer == _NONE, return_distances=False, return_indices=True
         )
         z = self.top[layer[y, x], y, x]
         result = layer.copy()
+        is_gap = closed(layer > 0, self._reach)
         for number, (top, bottom) in enumerate(zip(self.top, self._bottom, strict=True)):
             is_met = (top != UNOBSERVED) & (bottom < z + self._clear)
+            is_met &= ~(is_gap & (z - top >= self._clear))
             result[(layer == _NONE) & is_met] = number
         return result
 
@@ -276,7 +297,11 @@ def _met(top, bottom, y, x, z, clear):
 
 @kernel
 def _walk(top, bottom, start, max_step, clear, reach, chosen):
-    """Follow the surface from a start, breadth first, and across unknown gaps."""
+    """Follow the surface from a start, breadth first, and across gaps.
+
+    A gap is what is unknown on this level: nothing is known there or, on an upper one, only what
+    is below.
+    """
     rows, columns = chosen.shape
     queue = np.empty((rows * columns, 2), np.int32)
     queue[0, 0], queue[0, 1] = start[1], start[2]
@@ -293,7 +318,8 @@ def _walk(top, bottom, start, max_step, clear, reach, chosen):
                 if not (0 <= iy < rows and 0 <= ix < columns) or chosen[iy, ix] != _NONE:
                     break
                 layer = _met(top, bottom, iy, ix, z, clear)
-                if layer == _NONE:
+                is_below = chosen[y, x] > 0 and z - top[layer, iy, ix] >= clear
+                if layer == _NONE or is_below:
                     continue
                 if abs(top[layer, iy, ix] - z) <= n * max_step:
                     chosen[iy, ix] = layer

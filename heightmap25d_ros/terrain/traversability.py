@@ -11,6 +11,7 @@
   ``max_step``, the gradient under the footprint over that of ``max_slope``, the roughness there
   over ``max_roughness``. Cells within ``robot_radius`` of an occupied one are inflated: a robot
   with its centre there touches it.
+- An unknown cell in which a drop-off is suspected has the cost of an occupied one.
 """
 
 from __future__ import annotations
@@ -56,7 +57,8 @@ class ObstacleMap:
     occupancy : (rows, columns) int8
         -1: unknown, 0: free, 100: occupied; not inflated.
     cost : (rows, columns) int8
-        -1: unknown, 0 .. 98: free, 99: inflated, 100: occupied.
+        -1: unknown, 0 .. 98: free, 99: inflated, 100: occupied, or unknown where a drop-off is
+        suspected.
     blocked : (rows, columns) uint8
         Bit k: the transition to ``NEIGHBOURS[k]`` is blocked.
     """
@@ -175,6 +177,9 @@ def to_obstacle_map(
     scales = tuple(STEEPEST / limit for limit in (max_step_cm, max_gradient, max_roughness))
     slopes = ground.gradient[0], ground.gradient[1]
     _grade(ground.step, *slopes, ground.roughness, scales, occupancy, cost)
+    suspected = height_map.suspected
+    if params.drop_offs != "none" and suspected.any():
+        cost[suspected] = OCCUPIED
     disc = covering_disc(params, height_map.geometry.resolution)
     return ObstacleMap(
         geometry=height_map.geometry,

@@ -10,12 +10,18 @@ import numpy as np
 from matplotlib.colors import Normalize
 from numpy.typing import NDArray
 
-from heightmap25d_ros.grid.height_map import PROBABILITY_SCALE, Geometry, HeightMap
+from heightmap25d_ros.grid.height_map import (
+    HEIGHT_RESOLUTION,
+    PROBABILITY_SCALE,
+    Geometry,
+    HeightMap,
+)
 from heightmap25d_ros.grid.levels import NO_UPPER, UpperSurfaces
 from heightmap25d_ros.viz import palette
 
 _SHADE_TOP, _SHADE_SIDE_X, _SHADE_SIDE_Y = 1.0, 0.72, 0.55
 _SHADE_CHECKERED = 0.93
+_LEAST_SLAB = 0.05  # [m]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,6 +112,33 @@ def all_faces(geometry: Geometry, metres: NDArray[np.float64]) -> Faces:
         parts.append((corners[is_new], visible.height[is_new], visible.shade[is_new]))
     corners, height, shade = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     return Faces(corners=corners, height=height, shade=shade)
+
+
+def slabs(shown: HeightMap) -> Faces:
+    """The faces of the surfaces above the lowest ones, for viewers on any side, unordered.
+
+    Each reaches from its top to its bottom, and is at least `_LEAST_SLAB` thick.
+    """
+    upper, geometry = shown.upper, shown.geometry
+    x0, y0 = geometry.cell_corner(upper.cell).T
+    x1, y1 = x0 + geometry.resolution, y0 + geometry.resolution
+    z1 = upper.top * HEIGHT_RESOLUTION + geometry.ground_zero
+    z0 = np.minimum(upper.bottom * HEIGHT_RESOLUTION + geometry.ground_zero, z1 - _LEAST_SLAB)
+    sides = [
+        (_SHADE_TOP, [(x0, y0, z1), (x1, y0, z1), (x1, y1, z1), (x0, y1, z1)]),
+        (_SHADE_SIDE_Y, [(x0, y1, z0), (x1, y1, z0), (x1, y0, z0), (x0, y0, z0)]),
+        (_SHADE_SIDE_Y, [(x0, y0, z0), (x1, y0, z0), (x1, y0, z1), (x0, y0, z1)]),
+        (_SHADE_SIDE_Y, [(x1, y1, z0), (x0, y1, z0), (x0, y1, z1), (x1, y1, z1)]),
+        (_SHADE_SIDE_X, [(x1, y0, z0), (x1, y1, z0), (x1, y1, z1), (x1, y0, z1)]),
+        (_SHADE_SIDE_X, [(x0, y1, z0), (x0, y0, z0), (x0, y0, z1), (x0, y1, z1)]),
+    ]
+    corners = [np.stack([np.column_stack(c) for c in side], axis=1) for _, side in sides]
+    checkered = np.where(upper.cell.sum(axis=1) % 2, _SHADE_CHECKERED, 1.0)
+    return Faces(
+        corners=np.concatenate(corners),
+        height=np.tile(z1, len(sides)),
+        shade=np.concatenate([shade * checkered for shade, _ in sides]),
+    )
 
 
 def coarser(shown: HeightMap, max_cells: int) -> HeightMap:

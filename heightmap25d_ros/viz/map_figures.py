@@ -113,6 +113,8 @@ def obstacle_map(
 ) -> None:
     """Draw the obstacle grid as Fig. 2(d): free white, unknown black, occupied red.
 
+    Suspected drop-offs, where there are some, are orange.
+
     Parameters
     ----------
     path, trajectory :
@@ -121,7 +123,8 @@ def obstacle_map(
     heights : HeightMap, optional
         Of that map, to tell walls without known ground from free cells.
     """
-    area = _bounding_area(shown.occupancy >= 0)
+    suspected = (shown.occupancy < 0) & (shown.cost == OCCUPIED)
+    area = _bounding_area((shown.occupancy >= 0) | suspected)
     geometry = shown.geometry.part(area)
     part = area.slices(_whole(shown.geometry))
     occupancy = shown.occupancy[part]
@@ -132,6 +135,8 @@ def obstacle_map(
     if heights is not None:
         hidden = walls.walls_without_ground(heights, shown.occupancy == OCCUPIED)[part]
         layers.append((hidden, palette.WALL, palette.wall_entry()))
+    if suspected.any():
+        layers.append((suspected[part], palette.SUSPECTED, palette.suspected_entry()))
     figure, axes = map_axes(geometry)
     axes.set_facecolor(palette.UNKNOWN)
     for cells, colour, _ in layers:

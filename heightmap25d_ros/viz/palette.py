@@ -28,6 +28,8 @@ from numpy.typing import NDArray
 UNKNOWN, FREE, OCCUPIED = "#000000", "#ffffff", "#c8102e"
 WALL = "#a6a6a6"
 """Of the tops of walls without known ground around them: nothing in the map shows a step."""
+SUSPECTED = "#ffa000"
+"""Of unknown cells in which a drop-off is suspected."""
 FRONTIER = "#00e5ff"
 DRIVEN = CORRECTED = "#c020d0"
 PLANNED, ODOMETRY, TRUTH = "#ffffff", "#ff7f0e", "#ffffff"
@@ -172,6 +174,11 @@ def free_entry() -> Patch:
 def occupied_entry() -> Patch:
     """The legend entry of occupied cells."""
     return cell_entry(OCCUPIED, "occupied")
+
+
+def suspected_entry() -> Patch:
+    """The legend entry of `SUSPECTED` cells."""
+    return cell_entry(SUSPECTED, "suspected drop-off")
 
 
 def wall_entry() -> Patch:

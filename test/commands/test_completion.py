@@ -4,12 +4,14 @@
 
 import shlex
 import subprocess
+import sys
 from itertools import count, takewhile
 
 import argcomplete
 import pytest
 
 from heightmap25d_ros import cli
+from heightmap25d_ros.commands import SUMMARIES
 
 
 def offered(line):
@@ -53,3 +55,16 @@ def test_in_bash_as_the_readme_says():
     """
     run = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=False)
     assert (run.stdout.strip(), run.returncode) == ("--update-rule", 0), run.stderr
+
+
+def test_help_imports_no_command():
+    """It comes at once: numpy and numba alone take half a second."""
+    script = (
+        "import sys; from heightmap25d_ros import cli\n"
+        "try: cli.main(['--help'])\n"
+        "except SystemExit: print(*sys.modules, sep='\\n')"
+    )
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    shown, _, modules = run.stdout.rpartition("-o out/pictures\n")
+    assert all(f"\n    {name} " in shown for name in SUMMARIES)
+    assert not {"numpy", "numba", "matplotlib", "yaml"} & set(modules.split())

@@ -64,7 +64,7 @@ def test_goals_are_read_and_others_refused(tmp_path):
         tmp_path / "goals.npz", start=np.zeros((2, 3)), goal=np.ones((2, 3)),
         reachable=[True, False], observed=[True, False],
     )  # fmt: skip
-    assert read_goals(tmp_path / "goals.npz").goal.tolist() == [[1, 1], [1, 1]]
+    assert read_goals(tmp_path / "goals.npz").goal.tolist() == [[1, 1, 1], [1, 1, 1]]
     np.savez(tmp_path / "other.npz", start=np.zeros((2, 3)))
     for name in ("other.npz", "missing.npz"):
         with pytest.raises(InputError, match=name):

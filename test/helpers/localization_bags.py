@@ -20,6 +20,7 @@ from heightmap25d_ros.params.by_name import with_values
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.localization import Localizer
 from heightmap25d_ros.pipelines.replay import feed
+from heightmap25d_ros.pose_interpolation import interpolate
 from heightmap25d_ros.simulation import recording
 
 SCANS = ("/scan", "/scan_down")
@@ -30,7 +31,7 @@ PARAMS = with_values(Params(), {"intake.scan_topics": list(SCANS)})
 def map_of_another_drive(world: str, directory: Path, scan_rate: float = 18.75) -> Path:
     """A map directory of a world of seed 1, made with true poses on drive 1."""
     bag = directory / f"{world}_drive_1"
-    recording.simulate(world, 1, bag, drive=1, scan_rate=scan_rate)
+    recording.simulate(world, 1, bag, drive=1, mounted=recording.mounted_sensors(scan_rate))
     arguments = ["map", str(bag), "-o", str(directory / world), "--odom-topic", "/ground_truth"]
     assert cli.main(arguments) == 0
     return directory / world
@@ -63,7 +64,7 @@ class Drive:
         stamps, truth = truth_of(events)
         asked = np.clip(np.array(self.stamps), stamps[0], stamps[-1])
         return trajectory_error.planar_errors(
-            np.array(self.poses), se3.interpolate(stamps, truth, asked)
+            np.array(self.poses), interpolate(stamps, truth, asked)
         )
 
 

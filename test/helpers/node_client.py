@@ -21,7 +21,7 @@ from sensor_msgs.msg import PointCloud2
 
 from heightmap25d_msgs.msg import HeightGrid, UpperSurfaces
 
-PATIENCE = 60.0
+PATIENCE = 240.0
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 MAPS = {
     "height_grid": HeightGrid,

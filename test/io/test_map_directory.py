@@ -6,9 +6,6 @@ from __future__ import annotations
 
 import io
 import os
-import signal
-import subprocess
-import sys
 import textwrap
 import zipfile
 from collections.abc import Callable
@@ -363,81 +360,6 @@ def test_missing_or_foreign_file(tmp_path: Path) -> None:
     np.savez(tmp_path / "height_grid.npz", other=np.zeros(3))
     with pytest.raises(InputError, match="format_version is missing"):
         map_directory.load(tmp_path, 0.5)
-
-
-@draws(200, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(st.data())
-def test_damage_is_refused_or_harmless(tmp_path: Path, data: st.DataObject) -> None:
-    directory = tmp_path / "room"
-    if not directory.exists():
-        saved(directory)
-        (tmp_path / "whole").write_bytes((directory / "height_grid.npz").read_bytes())
-    whole = (tmp_path / "whole").read_bytes()
-    content = bytearray(whole)
-    for position, value in data.draw(
-        st.lists(st.tuples(st.integers(0, len(whole) - 1), st.integers(0, 255)), max_size=4)
-    ):
-        content[position] = value
-    length = data.draw(st.one_of(st.just(len(content)), st.integers(0, len(content))))
-    (directory / "height_grid.npz").write_bytes(content[:length])
-    with suppress(InputError):
-        loaded = map_directory.load(directory, 0.5).height_map
-        # What is not refused is whole: zip's checksums cover the data of the arrays.
-        np.testing.assert_array_equal(loaded.height, height_map().height)
-        np.testing.assert_array_equal(loaded.probability, height_map().probability)
-
-
-SAVE_FOREVER = """
-import sys
-from pathlib import Path
-from types import SimpleNamespace
-import numpy as np
-from heightmap25d_ros.io import map_directory
-from heightmap25d_ros.grid.height_map import Geometry, HeightMap
-
-side = 200
-geometry = Geometry(resolution=0.125, origin=(0.0, 0.0), shape=(side, side))
-for count in range(10**9):
-    value = count % 2
-    height_map = HeightMap(
-        geometry=geometry,
-        height=np.full((side, side), value, np.int16),
-        probability=np.full((side, side), 65535, np.uint16),
-        probability_threshold=0.5,
-    )
-    occupancy = np.full((side, side), 100 * value, np.int8)
-    obstacle_map = SimpleNamespace(geometry=geometry, occupancy=occupancy)
-    map_directory.save(Path(sys.argv[1]), height_map, obstacle_map, "map")
-    if count == 0:
-        print("saved", flush=True)
-"""
-
-
-def killed_after(seconds: float, directory: Path) -> None:
-    process = subprocess.Popen(
-        [sys.executable, "-c", SAVE_FOREVER, str(directory)], stdout=subprocess.PIPE, text=True
-    )
-    assert process.stdout is not None
-    with process.stdout:
-        assert process.stdout.readline() == "saved\n"
-        try:
-            process.wait(timeout=seconds)
-        except subprocess.TimeoutExpired:
-            os.kill(process.pid, signal.SIGKILL)
-        assert process.wait() == -signal.SIGKILL
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("attempt", range(6))
-def test_killed_while_saving(tmp_path: Path, attempt: int) -> None:
-    directory = tmp_path / "room"
-    killed_after(0.02 + 0.013 * attempt, directory)
-    loaded = map_directory.load(directory, 0.5).height_map
-    value = int(loaded.height[0, 0])
-    assert (loaded.height == value).all()
-    assert (map_server(directory).data == 100 * value).all()  # of the same save
-    left_over = [path.name for path in tmp_path.iterdir() if path.name != "room"]
-    assert all(name.startswith(".room.") for name in left_over)
 
 
 @pytest.mark.parametrize("name", ["mkdir", "open", "fsync", "rename", "link"])

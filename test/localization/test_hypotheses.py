@@ -11,8 +11,9 @@ from landmark_worlds import Wall, beams_to, ground_returns, mapped, wall_returns
 from heightmap25d_ros import se3
 from heightmap25d_ros.localization.hypotheses import Hypotheses
 from heightmap25d_ros.localization.landmarks import landmarks_of
+from heightmap25d_ros.localization.odometry_errors import unknown_errors
 from heightmap25d_ros.localization.pose_filter import PoseFilter
-from heightmap25d_ros.localization.scan_filter import ScanFilter, unknown_errors
+from heightmap25d_ros.localization.scan_filter import ScanFilter
 from heightmap25d_ros.localization.surface import surface_of
 from heightmap25d_ros.localization.tracker import Tracker
 from heightmap25d_ros.params.sections import LocalizationParams, Params

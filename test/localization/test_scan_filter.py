@@ -10,8 +10,9 @@ from landmark_worlds import CORRIDOR, ROOM, ground_returns, landmarks_seen_by, w
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.localization import scan_update
+from heightmap25d_ros.localization.odometry_errors import unknown_errors
 from heightmap25d_ros.localization.registration import Reason
-from heightmap25d_ros.localization.scan_filter import ScanFilter, unknown_errors
+from heightmap25d_ros.localization.scan_filter import ScanFilter
 from heightmap25d_ros.localization.scan_window import ScanWindow
 from heightmap25d_ros.mapping.sensor_model import Beams
 from heightmap25d_ros.params.sections import Params, ScanFilterParams
@@ -141,6 +142,49 @@ def test_a_scale_of_the_odometry_is_learned(room):
             estimate.update(returns, T, room)
     slip, scale = estimate.errors.mean[:2]
     assert slip + scale == pytest.approx(0.03, abs=0.01)
+
+
+@pytest.mark.parametrize("share", [0.35, 0.6])
+def test_where_much_has_changed_the_rest_tells_the_place_if_it_fits_sharply(share):
+    """Walls alone, as level lasers see them: of the ground nothing is known."""
+    rng = np.random.default_rng(5)
+    room = landmarks_seen_by(wall_returns(rng, 40000, ROOM, noise=0.01))
+    true = se3.from_xyz_rpy([0.3, 0.1, 0.0, 0.0, 0.0, 0.4])
+    old = wall_returns(rng, round(600 * share), ROOM, noise=0.01)
+    new = np.column_stack([rng.uniform((-2.8, -1), (3, 1), (600 - len(old), 2)),
+                           rng.uniform(0.3, 0.8, 600 - len(old))])  # fmt: skip
+    returns = se3.transform_points(se3.inverse(true), np.concatenate([old, new]))
+    estimate = estimate_at(se3.from_xyz_rpy([0.34, 0.06, 0.0, 0.0, 0.0, 0.42]))
+    found = estimate.update(returns, np.eye(4), room)
+    assert found.reason is Reason.ACCEPTED
+    assert found.overlap < PARAMS.registration.min_overlap
+    assert np.abs((estimate.T_map_odom - true)[:2, 3]).max() < 0.01
+    for elsewhere in (
+        [1.3, 0.1, 0, 0, 0, 0.4],
+        [-0.5, 0.3, 0, 0, 0, 1.4],
+        [0.3, 0.5, 0, 0, 0, 0.7],
+    ):
+        wrong = estimate_at(se3.from_xyz_rpy(elsewhere))
+        assert not wrong.update(returns, np.eye(4), room).is_accepted
+
+
+@pytest.mark.parametrize(
+    ("true", "told"),
+    [((0.3, 0.0, 0.0), (0.3, 0.0, 0.17)), ((0.0, 0.0, 0.0), (0.3, 0.0, 0.0)),
+     ((-0.15, 0.0, 0.0), (0.15, 0.0, 0.0))],
+    ids=["a turn that did not happen", "wheels that spin", "a way without its sign"],
+)  # fmt: skip
+def test_a_motion_that_the_odometry_is_wrong_about_is_found(room, true, told):
+    begin = se3.from_xyz_rpy([0.2, 0.1, 0.0, 0.0, 0.0, 0.3])
+    estimate = estimate_at(begin, (0.01, 0.01, 0.005))
+    estimate.update(seen_from(begin, ROOM), np.eye(4), room)
+    T_true, T_told = (se3.from_xyz_rpy([x, y, 0.0, 0.0, 0.0, yaw]) for x, y, yaw in (true, told))
+    estimate.predict(np.eye(4), T_told)
+    returns = se3.transform_points(T_told, seen_from(begin @ T_true, ROOM, seed=4))
+    assert estimate.update(returns, T_told, room).is_accepted
+    apart = se3.inverse(begin @ T_true) @ estimate.T_map_odom @ T_told
+    assert np.abs(apart[:2, 3]).max() < 0.02
+    assert abs(apart[1, 0]) < 0.01
 
 
 def test_what_contradicts_the_map_changes_nothing(room):

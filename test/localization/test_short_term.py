@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -60,6 +62,33 @@ def test_a_height_map_of_it_lies_in_odom():
     assert np.abs(centres[:, 0] - 3.0).max() <= 0.0626
     assert centres[:, 1].mean() == pytest.approx(2.0, abs=0.07)
     assert height_map.metres[height_map.known] == pytest.approx(0.9)
+
+
+def test_known_errors_of_the_odometry_do_not_bend_it():
+    """A robot drives round a post, and its odometry turns too little and runs too far."""
+    post = np.array([5.0, 0.0, 0.4])
+    errors = np.array([0.0, -0.04, 0.05, 0.03])  # what to add to what odometry tells
+    maps = ShortTermMaps(PARAMS)
+    maps.errors = errors
+    true = told = np.eye(4)
+    for step in range(60):
+        beams = Beams(origins=true[None, :3, 3], ends=post[None], is_hit=np.array([True]),
+                      is_lone=np.array([False]))  # fmt: skip
+        in_odom = told @ se3.inverse(true)
+        maps.integrate(
+            replace(beams, origins=se3.transform_points(in_odom, beams.origins),
+                    ends=se3.transform_points(in_odom, beams.ends)),
+            told, step * 10**8,
+        )  # fmt: skip
+        forward, turn = 0.05, 0.03
+        true = true @ se3.from_xyz_rpy([forward, 0.0, 0.0, 0.0, 0.0, turn])
+        told_forward = forward / (1 + errors[1])
+        told_turn = (turn - errors[3] * told_forward) / (1 + errors[2])
+        told = told @ se3.from_xyz_rpy([told_forward, 0.0, 0.0, 0.0, 0.0, told_turn])
+    seen = maps._maps[0].local_cells(maps.distance)
+    at_post = se3.transform_points(in_odom, post[None])
+    np.testing.assert_allclose(seen.xyz[:, :2], at_post[:, :2].repeat(len(seen.xyz), 0), atol=5e-3)
+    assert np.linalg.norm(at_post - post) > 0.3  # so far odometry drifted
 
 
 def test_one_is_always_mature_once_the_first_is():

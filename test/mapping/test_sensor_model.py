@@ -178,6 +178,12 @@ def test_a_scan_without_any_measurement_gives_no_beams():
     assert result.ends.shape == result.origins.shape == (0, 3)
 
 
+def test_nan_that_signals_is_ignored_as_any_other():
+    ranges = np.array([0x7F800001, 0x40000000], np.uint32).view(np.float32)
+    result = beams(scan(ranges), LEVEL, LEVEL, UP)
+    np.testing.assert_allclose(result.ends[result.is_hit], [[0.0, 2.0, 0.0]], atol=1e-12)
+
+
 @given(
     pose=st.lists(st.floats(-3, 3), min_size=6, max_size=6),
     mount=st.lists(st.floats(-3, 3), min_size=6, max_size=6),

@@ -32,6 +32,7 @@ TYPES = {
     "PoseWithCovariance": "geometry_msgs/msg/PoseWithCovarianceStamped",
 }
 TOOLS = {
+    "PublishPoint": "geometry_msgs/msg/PointStamped",
     "SetGoal": "geometry_msgs/msg/PoseStamped",
     "SetInitialPose": "geometry_msgs/msg/PoseWithCovarianceStamped",
 }
@@ -61,7 +62,7 @@ def graph():
             stack.enter_context(node_process(name, *SOURCES.get(name, ())))
         for topic in ("odom", "markers/blocks", "planning/field", "exploration/status", "cmd_vel"):
             client.wait(lambda: client.node.count_publishers(topic) > 0, 3 * PATIENCE)  # noqa: B023
-        client.wait(lambda: client.node.count_subscribers("initialpose") > 0)
+        client.wait(lambda: client.node.count_subscribers("initialpose") > 0, 3 * PATIENCE)
         client.wait_for_node()
         client.spin(0.5)
         yield client.node
@@ -70,7 +71,7 @@ def graph():
 
 def test_every_display_gets_what_our_nodes_publish(graph):
     displays = entries("Displays", TYPES)
-    assert len(displays) == 9
+    assert len(displays) == 10
     for kind, topic in displays:
         name = topic["Value"]
         offers = graph.get_publishers_info_by_topic(name)
@@ -84,7 +85,11 @@ def test_every_display_gets_what_our_nodes_publish(graph):
 
 def test_goal_and_initial_pose_go_where_our_nodes_listen(graph):
     tools = entries("Tools", TOOLS)
-    assert {topic["Value"] for _, topic in tools} == {"/goal_pose", "/initialpose"}
+    assert {topic["Value"] for _, topic in tools} == {
+        "/goal_pose",
+        "/initialpose",
+        "/clicked_point",
+    }
     for kind, topic in tools:
         listeners = graph.get_subscriptions_info_by_topic(topic["Value"])
         assert [listener.topic_type for listener in listeners] == [kind]

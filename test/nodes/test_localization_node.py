@@ -21,8 +21,8 @@ from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
 from heightmap25d_msgs.msg import HeightGrid, LocalizationStatus
-from heightmap25d_ros import se3
 from heightmap25d_ros.io import decode, encode
+from heightmap25d_ros.pose_interpolation import interpolate
 
 SECONDS = 12.0
 CELL = 0.125
@@ -93,7 +93,7 @@ def test_the_pose_is_held_to_the_map(driven):
     for message in poses:
         assert message.header.frame_id == "map"
         T = decode.pose(message.pose.pose, "pose")
-        true = se3.interpolate(stamps, truth, [np.clip(stamp_of(message), stamps[0], stamps[-1])])
+        true = interpolate(stamps, truth, [np.clip(stamp_of(message), stamps[0], stamps[-1])])
         errors.append(np.linalg.norm((T - true[0])[:3, 3]))
         covariance = np.array(message.pose.covariance).reshape(6, 6)
         assert np.isfinite(covariance).all()

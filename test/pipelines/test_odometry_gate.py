@@ -5,6 +5,8 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -233,3 +235,33 @@ def test_a_new_map_begins_in_the_present_frame():
     np.testing.assert_array_equal(gate.T_first_odom(START + 2 * 10**9), IDENTITY)
     assert torn(gate, 0.5, 0.6)
     assert not torn(gate, 1.0, 1.1)
+
+
+def offered(*poses):
+    """A gate to which poses were offered as the queue does, and how many it admitted of a frame."""
+    gate = OdometryGate(OdometryParams(), Drops())
+    admitted = Counter()
+    for given_pose in poses:
+        if gate.refusal(given_pose, "base_link") is None:
+            admitted.update(p.frame_id for p in gate.admit(given_pose))
+    return gate, admitted
+
+
+def renamed(poses, name):
+    return [replace(p, frame_id=name) for p in poses]
+
+
+def test_a_frame_of_another_name_takes_over_where_the_present_one_is_silent():
+    gate, admitted = offered(*drive(2.0), *renamed(drive(4.0, begin=2.0), "other"))
+    assert admitted == {"odom": 100, "other": 49}  # after a second
+    assert gate.unknown_since_ns == START + round(3.02e9)
+    _, beside = offered(
+        *(p for pair in zip(drive(4.0), renamed(drive(4.0), "other"), strict=True) for p in pair)
+    )
+    assert beside == {"odom": 200}
+
+
+def test_a_single_first_pose_of_an_odd_name_does_not_keep_the_others_out():
+    gate, admitted = offered(*renamed(drive(0.02), "odd"), *drive(3.0, begin=0.02))
+    assert admitted == {"odd": 1, "odom": 98}
+    assert gate.unknown_since_ns is None

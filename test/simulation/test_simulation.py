@@ -324,8 +324,10 @@ def test_goals_beyond_a_wall_are_not_reachable() -> None:
     seen = np.ones(height.shape, bool)
     seen[:, 30:33] = False
     driven = np.array([[32, column] for column in range(10, 20)])
-    pairs = goals.choose(height, seen, driven, np.random.default_rng(0))
-    reachable, beyond = pairs.goal[pairs.reachable], pairs.goal[~pairs.reachable]
+    z = np.zeros(len(driven))
+    pairs = goals.choose(height[None], seen[None], driven, z, np.random.default_rng(0))
+    assert not pairs.goal[:, 0].any()
+    reachable, beyond = pairs.goal[pairs.reachable, 1:], pairs.goal[~pairs.reachable, 1:]
     assert len(reachable) == len(beyond) == goals.WANTED
     assert (reachable[:, 1] < 60 - 5).all()
     assert (beyond[:, 1] > 61).mean() > 0.9

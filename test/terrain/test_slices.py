@@ -65,8 +65,9 @@ def test_a_surface_is_followed_across_a_gap_and_no_farther():
     upper = deck(240, cells=[(0, 0), (0, 1), (0, 4), (0, 9)])
     stack = row(*[0.0] * 12, upper=upper)
     found = stack.followed((1, 0, 0)).layer[0].tolist()
-    assert found[:2] == [1, 1]
-    assert found[2] == 0  # beside the deck is the ground
+    assert found[:5] == [1, 1, -1, -1, 1]  # what is below the deck is not on its level
+    assert found[5:9] == [0, 0, 0, 0]  # beside the deck is the ground
+    assert found[9] == 1
 
 
 def test_three_surfaces_are_three_layers():

@@ -3,6 +3,7 @@
 """What viewers are shown: exact small maps, and what rclpy reads of our own serialization."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,11 +11,13 @@ from rclpy.serialization import deserialize_message, serialize_message
 from visualization_msgs.msg import Marker
 
 from heightmap25d_ros.grid.height_map import Geometry, HeightMap
+from heightmap25d_ros.grid.levels import UpperSurfaces
 from heightmap25d_ros.params.sections import PlannerParams, TraversabilityParams
 from heightmap25d_ros.planning.graph import transition_graph
 from heightmap25d_ros.planning.search import cost_to_go
 from heightmap25d_ros.terrain.traversability import to_obstacle_map
 from heightmap25d_ros.viz import block_mesh, marker_cdr, markers
+from heightmap25d_ros.viz.field_arrows import field_arrows
 
 NAN = np.nan
 
@@ -80,7 +83,7 @@ def test_arrows_head_for_the_goal():
     shown = a_map(np.zeros((40, 60)), resolution=0.25)
     graph = transition_graph(shown, TraversabilityParams(), PlannerParams())
     goal = (20, 30)
-    arrows = markers.field_arrows(graph, cost_to_go(graph.incoming, goal))
+    arrows = field_arrows(graph, cost_to_go(graph.incoming, goal))
     assert 100 < len(arrows) < 20 * 30
     assert len(np.unique(arrows[:, :2, 3], axis=0)) == len(arrows)
     away = shown.geometry.cell_center(goal) - arrows[:, :2, 3]
@@ -108,3 +111,18 @@ def test_rclpy_reads_the_triangles(frame):
     assert (seen[:, 3] == 1.0).all()
     read.points, read.colors = [], []
     assert read == marker
+
+
+def test_what_is_above_is_a_slab():
+    deck = UpperSurfaces.of([(0, 1)], top=[240], bottom=[210])
+    floor = HeightMap.from_metres([[0.0, 0.0, 0.0]])
+    without, _ = markers.blocks(floor)
+    corners, colours = markers.blocks(replace(floor, upper=deck))
+    slab = corners[len(without) :]
+    assert len(corners) == len(colours) == len(without) + 6
+    assert slab.reshape(-1, 3).min(axis=0) == pytest.approx((0.125, 0.0, 2.1))
+    assert slab.reshape(-1, 3).max(axis=0) == pytest.approx((0.25, 0.125, 2.4))
+    # Seen from outside, the corners are in counter-clockwise order.
+    middle = slab.reshape(-1, 3).mean(axis=0)
+    normals = np.cross(slab[:, 1] - slab[:, 0], slab[:, 2] - slab[:, 1])
+    assert (((slab.mean(axis=1) - middle) * normals).sum(axis=1) > 0.0).all()

@@ -1,0 +1,168 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Drop-offs that are suspected in the shadow of an edge, before anybody has seen them.
+
+A beam that passes over an edge and ends beyond it proves that the ground in between lies below it.
+Where no ground that the robot can drive on does, the cells behind the edge are marked: no slope
+from the edge on may be as steep as ``max_slope``, no step as high as ``max_step``.
+
+The mark stands in place of the height of a cell that is unknown (`SUSPECTED`), so that it goes
+wherever heights go, and is gone with the first return from the cell.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from heightmap25d_ros.grid.height_grid import TILE, HeightGrid
+from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, SUSPECTED, stored_probability
+from heightmap25d_ros.kernels import inlined_kernel, kernel
+from heightmap25d_ros.mapping.sensor_model import Beams
+from heightmap25d_ros.params.sections import TraversabilityParams
+
+_ONCE = SUSPECTED + 1  # in place of the height: one beam has told of a drop-off, not yet two
+_STRIDE = 0.25  # [cells] between the places of a beam that are looked at
+_LONGEST_SHADOW = 48  # [cells] between an edge and where a beam ends
+_REACH = 16  # [cells] beyond an edge that are judged by it
+_MARGIN = 1.0  # [cm] of noise that a drop exceeds its limit by
+_LEAST_SLOPE = 0.1  # of beams that tell of what may be a drop-off
+
+
+class DropOffs:
+    """Marks suspected drop-offs in the unknown cells of a grid.
+
+    Parameters
+    ----------
+    grid : HeightGrid
+    params : TraversabilityParams
+        ``drop_offs`` says whether a drop-off must be there: whether a slope that the robot could
+        drive down is no drop-off.
+    probability_threshold : float
+        Cells below it are unknown.
+    """
+
+    def __init__(
+        self, grid: HeightGrid, params: TraversabilityParams, probability_threshold: float
+    ) -> None:
+        self._grid = grid
+        resolution = grid.geometry.resolution
+        steepest = math.tan(params.max_slope) if params.drop_offs == "must" else 0.0
+        self._limits = (
+            params.max_step / HEIGHT_RESOLUTION + 1e-6,
+            steepest * resolution / HEIGHT_RESOLUTION,
+            max(steepest, _LEAST_SLOPE),
+            stored_probability(probability_threshold),
+        )
+
+    def integrate(self, beams: Beams) -> None:
+        """Mark what beams tell of that were integrated into the grid before."""
+        grid = self._grid
+        marked = _integrate(
+            beams.origins, beams.ends, beams.is_hit, beams.is_lone,
+            (*grid.geometry.origin, grid.geometry.ground_zero), grid.geometry.resolution,
+            grid.height.cells, grid.probability.cells, self._limits,
+        )  # fmt: skip
+        for ty, tx in np.unique(marked, axis=0):
+            grid.mark_changed(np.s_[ty : ty + 1, tx : tx + 1])
+
+
+@kernel
+def _integrate(  # noqa: PLR0913
+    origins, ends, is_hit, is_lone, corner, resolution, heights, probabilities, limits
+):  # fmt: skip
+    """Tiles (K, 2) in which a cell was marked."""
+    least_slope = limits[2]
+    rows, columns = heights.shape[0] * TILE, heights.shape[1] * TILE
+    marked = [(0, 0) for _ in range(0)]
+    for i in range(len(ends)):
+        x, y = (origins[i, 0] - corner[0]) / resolution, (origins[i, 1] - corner[1]) / resolution
+        along_x, along_y = ends[i, 0] - origins[i, 0], ends[i, 1] - origins[i, 1]
+        length = np.hypot(along_x, along_y) / resolution  # [cells]
+        fall = (origins[i, 2] - ends[i, 2]) / resolution
+        if is_lone[i] or fall <= least_slope * length or length < 2.0:
+            continue
+        end_x, end_y = x + along_x / resolution, y + along_y / resolution
+        if not (_is_inside(x, y, rows, columns) and _is_inside(end_x, end_y, rows, columns)):
+            continue
+        beam = (
+            x, y, (origins[i, 2] - corner[2]) / HEIGHT_RESOLUTION,
+            along_x / resolution / length, along_y / resolution / length,
+            -fall * resolution / HEIGHT_RESOLUTION / length,
+        )  # fmt: skip
+        edge = _edge(beam, length - (1.0 if is_hit[i] else 0.0), heights, probabilities, limits)
+        if edge <= 0.0 or not _is_ground(beam, edge, heights, probabilities, limits):
+            continue
+        proof = _proof(beam, edge, length, heights, limits)
+        at = edge + _STRIDE
+        while at <= proof:
+            cell = _cell(beam, at)
+            if probabilities[cell] < limits[3] and heights[cell] != SUSPECTED:
+                heights[cell] = SUSPECTED if heights[cell] == _ONCE else _ONCE
+                probabilities[cell] = 0  # of a height that it had, and that was doubted
+                marked.append((cell[0], cell[1]))
+                # A cell is told of once by each beam.
+                while at <= proof and _cell(beam, at) == cell:
+                    at += _STRIDE
+            else:
+                at += _STRIDE
+    tiles = np.empty((len(marked), 2), np.int64)
+    for i in range(len(marked)):
+        tiles[i, 0], tiles[i, 1] = marked[i]
+    return tiles
+
+
+@inlined_kernel
+def _is_inside(x, y, rows, columns):
+    return 0.0 <= x < columns and 0.0 <= y < rows
+
+
+@inlined_kernel
+def _cell(beam, at):
+    """Index of the cell over which a beam is at a distance [cells] from its origin."""
+    ix, iy = int(beam[0] + at * beam[3]), int(beam[1] + at * beam[4])
+    return iy // TILE, ix // TILE, iy % TILE, ix % TILE
+
+
+@inlined_kernel
+def _edge(beam, length, heights, probabilities, limits):
+    """Distance [cells] of the known ground before the shadow in which a beam ends; 0: none."""
+    at, first = length, max(length - _LONGEST_SHADOW, 0.0)
+    while at > first:
+        cell = _cell(beam, at)
+        if probabilities[cell] >= limits[3]:
+            is_over = heights[cell] <= beam[2] + at * beam[5]
+            is_shadow = length - at >= 1.0
+            return at if is_over and is_shadow else 0.0
+        at -= _STRIDE
+    return 0.0
+
+
+@inlined_kernel
+def _is_ground(beam, edge, heights, probabilities, limits):
+    """Whether no step leads up to an edge from where the sensor is: it is no box, no wall."""
+    before = np.float64(heights[_cell(beam, edge)])
+    at = edge - _STRIDE
+    while at >= 0.0:
+        cell = _cell(beam, at)
+        if probabilities[cell] >= limits[3]:
+            if abs(heights[cell] - before) > limits[0]:
+                return False
+            before = np.float64(heights[cell])
+        at -= _STRIDE
+    return True
+
+
+@inlined_kernel
+def _proof(beam, edge, length, heights, limits):
+    """Distance [cells] at which a beam is too far below an edge for any ground; 0: nowhere."""
+    max_step, steepest, _, _ = limits
+    rim = np.float64(heights[_cell(beam, edge)])
+    at = edge + _STRIDE
+    while at <= min(length, edge + _REACH):
+        drop = rim - (beam[2] + at * beam[5])
+        if drop > max(max_step, steepest * (at - edge)) + _MARGIN:
+            return at
+        at += _STRIDE
+    return 0.0
