@@ -36,6 +36,7 @@ from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.mapping import Mapping
 from heightmap25d_ros.pipelines.replay import replayed
 from heightmap25d_ros.pipelines.slam import SlamResult, slam_bag
+from heightmap25d_ros.pose_interpolation import interpolate
 from heightmap25d_ros.simulation import recording
 
 WORLDS = ("room", "ramp", "rough", "street")
@@ -143,7 +144,7 @@ def error_of(trajectory: Sequence[tuple[int, se3.Matrix]], true: Poses) -> Error
     stamps = np.array([stamp for stamp, _ in trajectory])
     is_known = (stamps >= true[0][0]) & (stamps <= true[0][-1])
     found = np.array([pose for _, pose in trajectory])[is_known][:, :2, 3]
-    expected = se3.interpolate(*true, stamps[is_known])[:, :2, 3]
+    expected = interpolate(*true, stamps[is_known])[:, :2, 3]
     away = np.linalg.norm(found - expected, axis=1)
     a, b = found - found.mean(axis=0), expected - expected.mean(axis=0)
     turn = np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum())

@@ -14,6 +14,7 @@ from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.io import decode, slam_file
 from heightmap25d_ros.io.bag import Bag
 from heightmap25d_ros.io.trajectory import read_tum
+from heightmap25d_ros.pose_interpolation import interpolate
 
 ROOM = ROOT / "bags" / "room_1"
 PART = ["--duration", "18"]
@@ -36,7 +37,7 @@ def planar_errors(found):
         poses = [decode.odometry(event.message) for event in events]
     stamps = np.rint(found[:, 0] * 1e9).astype(np.int64)
     known = np.array([pose.stamp_ns for pose in poses])
-    true = se3.interpolate(known, np.array([p.T for p in poses]), stamps.clip(known[0], known[-1]))
+    true = interpolate(known, np.array([p.T for p in poses]), stamps.clip(known[0], known[-1]))
     mine = se3.from_quaternion(found[:, 1:4], found[:, 4:])
     apart = se3.inverse(se3.inverse(mine[0]) @ mine) @ (se3.inverse(true[0]) @ true)
     return np.linalg.norm(apart[:, :2, 3], axis=1)
