@@ -34,6 +34,7 @@ from heightmap25d_ros.localization.tracking_state import State
 from heightmap25d_ros.pipelines.localization import Localizer
 from heightmap25d_ros.pipelines.mapping import Mapping
 from heightmap25d_ros.pipelines.replay import feed
+from heightmap25d_ros.pose_interpolation import interpolate
 
 BAGS = Path(__file__).parent.parent / "bags"
 TRUE_POSES = "/ground_truth"
@@ -131,7 +132,7 @@ def localize_disturbed(
             T = pose.T_map_base
             told.append(Told(recorded_ns[pose.stamp_ns], T, pose.covariance, localizer.state))
     stamps = np.clip([t.recorded_ns for t in told], true_stamps[0], true_stamps[-1])
-    return _judged(told, se3.interpolate(true_stamps, true_poses, stamps), seconds, localizer)
+    return _judged(told, interpolate(true_stamps, true_poses, stamps), seconds, localizer)
 
 
 class Told(NamedTuple):
