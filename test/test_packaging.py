@@ -39,7 +39,7 @@ STOREYS = [
         "params",
         "grid",
     ],
-    ["mapping", "terrain", "planning", "localization", "exploration", "control"],
+    ["mapping", "terrain", "planning", "localization", "slam", "exploration", "control"],
     ["io", "viz", "evaluation", "pipelines"],
     ["simulation", "commands", "cli", "nodes", "executables"],
 ]

@@ -9,6 +9,7 @@ A module adds its command to the parser (``add_to``) and runs it; `common` has w
 SUMMARIES = {
     "map": "a map directory from bags",
     "localize": "the pose of a bag, held to a map",
+    "slam": "a map directory from a bag whose poses drift",
     "plan": "a path over a map directory",
     "explain": "why a cell is occupied, dear or unknown",
     "convert": "the obstacle grid of a map anew",

@@ -22,6 +22,7 @@ from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.localization import Localizer
 from heightmap25d_ros.pipelines.mapping import Mapping
 from heightmap25d_ros.pipelines.replay import with_sources
+from heightmap25d_ros.pipelines.slam import Slam
 from heightmap25d_ros.terrain.traversability import OCCUPIED, ObstacleMap
 
 Figures = dict[str, Any]
@@ -131,7 +132,7 @@ def read_bag_params(
     return with_sources(settings, bags, *chosen, is_named=is_named)
 
 
-def warn(pipeline: Mapping | Localizer) -> list[str]:
+def warn(pipeline: Mapping | Localizer | Slam) -> list[str]:
     """Say what was wrong with the messages of a drive; the sentences."""
     sentences = [*pipeline.dropped.notices, *map(str, pipeline.problems())]
     for sentence in sentences:
@@ -149,7 +150,7 @@ def figures_of(bags: Sequence[Bag]) -> Figures:
     }
 
 
-def nothing_of(bag: Bag, pipeline: Mapping | Localizer, told: str) -> InputError:
+def nothing_of(bag: Bag, pipeline: Mapping | Localizer | Slam, told: str) -> InputError:
     """What to say where nothing came of a bag, and why."""
     reasons = [*map(str, pipeline.problems()), str(pipeline.dropped)]
     return InputError("; ".join(filter(None, [f"{bag.path}: {told}", *reasons])))

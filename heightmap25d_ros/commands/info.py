@@ -5,11 +5,12 @@
 from __future__ import annotations
 
 import argparse
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
 from heightmap25d_ros.commands.common import Figures, add_command, cell_counts, read_params
-from heightmap25d_ros.io import map_directory
+from heightmap25d_ros.io import map_directory, slam_file
 from heightmap25d_ros.io.bag import Bag
 from heightmap25d_ros.terrain.traversability import to_obstacle_map
 
@@ -29,6 +30,7 @@ def _info(options: argparse.Namespace) -> Figures:
         known = heights.metres[heights.known]
         return {
             "frame": loaded.frame_id,
+            **_poses(options.path),
             "size_cells": list(geometry.shape[::-1]),
             "resolution_m": geometry.resolution,
             "origin_m": list(geometry.origin),
@@ -48,3 +50,13 @@ def _info(options: argparse.Namespace) -> Figures:
             },
             **({"warnings": bag.warnings} if bag.warnings else {}),
         }
+
+
+def _poses(directory: Path) -> Figures:
+    """Whether a map was made with known poses; otherwise how well they were found."""
+    report = slam_file.load(directory)
+    if report is None:
+        return {"poses": "known"}
+    names = ("poses", "distance_m", "unobserved_m", "disagreed_m")
+    outcomes = Counter(str(loop["outcome"]) for loop in report["loops"])
+    return {**{name: report[name] for name in names}, "loops": dict(outcomes)}

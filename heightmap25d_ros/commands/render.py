@@ -16,12 +16,12 @@ from heightmap25d_ros.commands.common import (
     require_map,
 )
 from heightmap25d_ros.grid.height_map import HeightMap
-from heightmap25d_ros.io import atomic_directory, map_directory
+from heightmap25d_ros.io import atomic_directory, map_directory, slam_file
 from heightmap25d_ros.io.trajectory import read_tum
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.terrain.slices import SurfaceStack
 from heightmap25d_ros.terrain.traversability import to_obstacle_map
-from heightmap25d_ros.viz import map_figures
+from heightmap25d_ros.viz import map_figures, slam_figures
 
 
 def add_to(commands: Any) -> None:
@@ -44,7 +44,8 @@ def _levels(height_map: HeightMap, settings: Params) -> list[HeightMap]:
 def _render(options: argparse.Namespace) -> Figures:
     """Draw a map directory: heights, obstacles, and blocks as in Fig. 2(c) of the paper.
 
-    A map of several levels also gets heights and obstacles of each level.
+    A map of several levels also gets heights and obstacles of each level, one without known poses
+    the drive, how well it is known, and the closed loops.
     """
     settings = read_params(options)
     require_map(options.map)
@@ -55,6 +56,7 @@ def _render(options: argparse.Namespace) -> Figures:
         trajectory = read_tum(options.map / map_directory.TRAJECTORY)[:, 1:4]
     obstacles = to_obstacle_map(height_map, settings.traversability)
     names = [f"{name}.png" for name in ("height", "obstacles", "blocks")]
+    report = slam_file.load(options.map)
     with atomic_directory.adding(options.output) as new:
         map_figures.height_map(new / names[0], height_map, trajectory)
         map_figures.obstacle_map(new / names[1], obstacles, trajectory, height_map)
@@ -64,4 +66,9 @@ def _render(options: argparse.Namespace) -> Figures:
             names += [f"{name}_level_{number}.png" for name in ("height", "obstacles")]
             map_figures.height_map(new / names[-2], level, trajectory)
             map_figures.obstacle_map(new / names[-1], converted, trajectory, level)
+        if report is not None and trajectory is not None:
+            names.append("drive.png")
+            covariances = slam_file.read_covariances(options.map, len(trajectory))
+            loops = slam_file.closed_loops(report)
+            slam_figures.drive(new / names[-1], height_map, trajectory, covariances, loops)
     return {"pictures": [str(options.output / name) for name in names]}

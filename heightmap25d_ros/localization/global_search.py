@@ -59,11 +59,14 @@ class Prior(NamedTuple):
     ----------
     x, y : float [m], map
     radius : float [m]
+    turn : float [rad]
+        How far it may be turned from the pose at which the points are; all ways by default.
     """
 
     x: float
     y: float
     radius: float
+    turn: float = np.pi
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,8 +202,8 @@ class GlobalSearch:
             yield _of(rejected(Reason.FEW_POINTS, count))
             return
         self._scale = scale_of(self._points, self._surface)
-        yaws = int(np.ceil(2 * np.pi / (_YAW_STEP * self._scale[2])))
-        self._yaws: Array = np.arange(yaws, dtype=np.float64) * (2 * np.pi / yaws)
+        self._yaws = self._searched_yaws()
+        yaws = len(self._yaws)
         if self._memory() > self._params.search_memory * 1e6:
             yield _of(rejected(Reason.TOO_LARGE, count))
             return
@@ -225,6 +228,16 @@ class GlobalSearch:
             candidates.append(self._refined(start, self._few, _COARSE))
             yield None
         yield self._judged(candidates)
+
+    def _searched_yaws(self) -> Array:
+        """In steps: all around, or as far as the prior allows to both sides."""
+        turn = np.pi if self._prior is None else self._prior.turn
+        yaws = int(np.ceil(2 * np.pi / (_YAW_STEP * self._scale[2])))
+        self._yaw_step = step = 2 * np.pi / yaws
+        steps = int(np.ceil(turn / step))
+        if 2 * steps + 1 >= yaws:
+            return np.arange(yaws, dtype=np.float64) * step
+        return np.arange(-steps, steps + 1, dtype=np.float64) * step
 
     def _find(self, roots: NDArray[np.int32]) -> Iterator[None]:
         """Find all leaves that can be as good as the best one, with limits that rise.
@@ -316,7 +329,8 @@ class GlobalSearch:
             best = waiting[0]
             found.append(hypotheses[best])
             apart = np.abs(leaves[waiting] - leaves[best])
-            turn = np.minimum(apart[:, 0], len(self._yaws) - apart[:, 0])
+            turned = self._yaws[leaves[waiting, 0]] - self._yaws[leaves[best, 0]]
+            turn = np.rint(np.abs(np.angle(np.exp(1j * turned))) / self._yaw_step)
             is_apart = (apart[:, 2:].max(axis=1) > _APART[0]) | (turn > _APART[1])
             waiting = waiting[is_apart]
         return np.array(found)
@@ -351,6 +365,8 @@ class GlobalSearch:
         some = self._points.some(search_points(self._points, params.search_points))
         limit = self._limit(min(candidates, key=self._cautious)) + params.search_margin
         coarse = [c for c in _distinct(candidates, self._scale) if c.score <= limit]
+        if not coarse:  # not even the best place fits
+            return _of(rejected(Reason.HIGH_RESIDUAL, count), nodes=self._nodes)
         fine = _distinct(
             [self._refined(np.append(c.offset, c.z), some, _FINE) for c in coarse[:_FINAL]],
             self._scale,

@@ -23,12 +23,15 @@ from heightmap25d_ros.grid.height_map import Area, Geometry
 from heightmap25d_ros.kernels import inlined_kernel, kernel
 from heightmap25d_ros.mapping.sensor_model import Beams
 
-_SLAB = 0.10  # [m] above and below their mean within which returns are the lowest ones
+SLAB = 0.10
+"""Above and below their mean [m] within which returns are a cell's lowest ones."""
+
 _LEVEL = 0.15  # [m] below the laser within which a return is level with it
-_NAMES = (
+NAMES = (
     "ground_count", "level_count", "ground_height", "ground_scatter", "ground_x", "ground_y",
     "elevated_count", "elevated_x", "elevated_y", "spread_xx", "spread_xy", "spread_yy",
 )  # fmt: skip
+"""Of the layers, in the order in which kernels take them."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -85,14 +88,14 @@ class LocalizationLayers:
     def __init__(self, grid: HeightGrid) -> None:
         self._geometry = grid.geometry
         self._arrays = {
-            name: TiledArray(grid.tile_top.shape, np.float32) for name in _NAMES
+            name: TiledArray(grid.tile_top.shape, np.float32) for name in NAMES
         }  # fmt: skip
 
     def integrate(self, beams: Beams) -> None:
         """Take in the returns of beams in the map that are not lone ones."""
         _integrate(
             beams.origins, beams.ends, beams.is_hit & ~beams.is_lone, self._geometry.origin,
-            self._geometry.resolution, *(self._arrays[name].cells for name in _NAMES),
+            self._geometry.resolution, *(self._arrays[name].cells for name in NAMES),
         )  # fmt: skip
 
     def read(self, area: Area) -> LayerMap:
@@ -137,13 +140,13 @@ def _integrate(  # noqa: PLR0913
         cell = iy // TILE, ix // TILE, iy % TILE, ix % TILE
         x, y, z = (u - ix - 0.5) * resolution, (v - iy - 0.5) * resolution, ends[i, 2]
         above = z - ground_height[cell]
-        if ground_count[cell] > 0 and above > _SLAB:
+        if ground_count[cell] > 0 and above > SLAB:
             if elevated_count[cell] == 0:
                 spread_xx[cell] = spread_xy[cell] = spread_yy[cell] = 0.0
-            _average(cell, x, y, 1.0, elevated_count, elevated_x, elevated_y, spread, True)
+            average(cell, x, y, 1.0, elevated_count, elevated_x, elevated_y, spread, True)
             continue
-        if ground_count[cell] > 0 and above < -_SLAB:
-            _average(
+        if ground_count[cell] > 0 and above < -SLAB:
+            average(
                 cell, ground_x[cell], ground_y[cell], ground_count[cell],
                 elevated_count, elevated_x, elevated_y, spread, True,
             )  # fmt: skip
@@ -153,17 +156,21 @@ def _integrate(  # noqa: PLR0913
             ground_x[cell] = ground_y[cell] = 0.0
         level_count[cell] += z > origins[i, 2] - _LEVEL
         is_alone = elevated_count[cell] == 0
-        _average(cell, x, y, 1.0, ground_count, ground_x, ground_y, spread, is_alone)
+        average(cell, x, y, 1.0, ground_count, ground_x, ground_y, spread, is_alone)
         mean = ground_height[cell] + (z - ground_height[cell]) / ground_count[cell]
         ground_scatter[cell] += (z - ground_height[cell]) * (z - mean)
         ground_height[cell] = mean
 
 
 @inlined_kernel
-def _average(  # noqa: PLR0913
+def average(  # noqa: PLR0913
     cell, x, y, weight, counts, mean_x, mean_y, spread, is_spread,
 ):  # fmt: skip
-    """Take a place, which counts for as many as its weight, into the mean and the spread."""
+    """Take a place, which counts for as many as its weight, into the mean and the spread.
+
+    A kernel for kernels: `counts`, `mean_x`, `mean_y` and the three arrays of `spread` are the
+    layers, `cell` is an index into them.
+    """
     before = counts[cell]
     total = before + weight
     dx, dy = x - mean_x[cell], y - mean_y[cell]

@@ -15,6 +15,7 @@ import numpy as np
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
+from heightmap25d_ros.localization.growing_map import LEAST_KNOWN, GrowingMapUpdate
 from heightmap25d_ros.localization.landmarks import Landmarks
 from heightmap25d_ros.localization.odometry_errors import Motion, OdometryErrors
 from heightmap25d_ros.localization.registration import Reason, Registration, rejected
@@ -41,6 +42,7 @@ _LEAST_STEP = 0.03  # [m] that odometry tells, to be doubted
 _TOLD_APART = 3.0  # standard deviations between two motions that returns tell apart
 _MISSED_GAIN = 1.3  # of the fit, to believe that odometry is wrong
 _LEAST_SHARP_OVERLAP = 0.2  # with such a residual: doors are open now, furniture has moved
+_USABLE = (Reason.ACCEPTED, Reason.UNOBSERVED)
 _LEAST_INFORMATION = 1.0 / 0.3**2  # [1/m^2] that some direction must have
 
 
@@ -75,6 +77,7 @@ class ScanFilter:
         self._turned = 0.0  # [rad] since the last update
         self._T_odom_used: se3.Matrix | None = None  # at the last update that moved the pose
         self._is_settling = False
+        self._growing = GrowingMapUpdate()
 
     @property
     def covariance(self) -> Array:
@@ -147,11 +150,31 @@ class ScanFilter:
             precision = np.asarray(np.linalg.inv(self._covariance[_POSE, _POSE]))
             found, usable = self._look(returns, T_odom_base, landmarks, precision)
         if usable is not None:
-            of_pose = np.asarray(np.linalg.inv(precision + usable.information))
-            self._learn_turns(usable.error[_YAW], of_pose[_YAW, _YAW])
-            self._correct(usable.error[_POSE], of_pose, precision, T_odom_base)
-            self._T_odom_used = T_odom_base
+            self._use(usable, precision, T_odom_base)
         return found
+
+    def update_growing(
+        self, returns: Array, T_odom_base: se3.Matrix, landmarks: Landmarks
+    ) -> Registration:
+        """As `update`, on a map that the robot is making, see `growing_map`."""
+        params = self._params.scan_filter
+        if len(returns) < params.min_returns:
+            return rejected(Reason.FEW_POINTS, len(returns))
+        precision = np.asarray(np.linalg.inv(self._covariance[_POSE, _POSE]))
+        seen, position = self._seen(returns, T_odom_base)
+        found = self._growing.hold(seen, position, precision, landmarks, params)
+        reason = self._judged(found, LEAST_KNOWN * params.min_returns)
+        if reason in _USABLE:
+            self._growing.remember(found, len(returns))
+            self._use(found, precision, T_odom_base)
+        return _registration(found, reason, len(returns))
+
+    def _use(self, found: Update, precision: Array, T_odom_base: se3.Matrix) -> None:
+        """Correct the pose by an update that was made with a precision (4, 4) of it."""
+        of_pose = np.asarray(np.linalg.inv(precision + found.information))
+        self._learn_turns(found.error[_YAW], of_pose[_YAW, _YAW])
+        self._correct(found.error[_POSE], of_pose, precision, T_odom_base)
+        self._T_odom_used = T_odom_base
 
     def _moved_otherwise(
         self, returns: Array, T_odom_base: se3.Matrix, landmarks: Landmarks, least_fit: float
@@ -198,24 +221,20 @@ class ScanFilter:
         params = self._params.scan_filter
         if len(returns) < params.min_returns:
             return rejected(Reason.FEW_POINTS, len(returns)), None
+        seen, position = self._seen(returns, T_odom_base)
+        found = update_by_returns(seen, position, precision, landmarks, params)
+        is_sharp = found.residual <= _SHARP_RESIDUAL
+        least = _LEAST_SHARP_OVERLAP if is_sharp else self._params.registration.min_overlap
+        # A laser that sees farther than the map reaches is no sign of a wrong place.
+        reason = self._judged(found, max(least * found.near_known, params.min_returns))
+        is_usable = reason in _USABLE
+        return _registration(found, reason, len(returns)), found if is_usable else None
+
+    def _seen(self, returns: Array, T_odom_base: se3.Matrix) -> tuple[Array, Array]:
+        """Returns (N, 3) [m] as seen from the robot, along the axes of the map, and its place."""
         position = (self.T_map_odom @ T_odom_base)[:3, 3]
         seen = se3.transform_points(self.T_map_odom, returns) - position
-        found = update_by_returns(
-            np.ascontiguousarray(seen), np.ascontiguousarray(position), precision, landmarks, params
-        )
-        registration = Registration(
-            reason=self._judged(found),
-            offset=found.error[[_X, _Y, _YAW]],
-            z=float(found.error[_Z]),
-            information=found.information[_PLANAR],
-            known=found.over_known / len(returns),
-            overlap=found.over_known / max(found.near_known, 1),
-            residual=found.residual,
-            ratio=0.0,
-            points=len(returns),
-        )
-        is_usable = registration.reason in (Reason.ACCEPTED, Reason.UNOBSERVED)
-        return registration, found if is_usable else None
+        return np.ascontiguousarray(seen), np.ascontiguousarray(position)
 
     def _learn_turns(self, error: float, after: float) -> None:
         """Learn the noise of turns from the error of the yaw [rad] and its variance after it.
@@ -269,12 +288,9 @@ class ScanFilter:
         least = self._params.registration.min_overlap
         return found.overlap >= least and found.residual <= _SHARP_RESIDUAL
 
-    def _judged(self, found: Update) -> Reason:
-        params = self._params
-        is_sharp = found.residual <= _SHARP_RESIDUAL
-        least = _LEAST_SHARP_OVERLAP if is_sharp else params.registration.min_overlap
-        # A laser that sees farther than the map reaches is no sign of a wrong place.
-        if found.over_known < max(least * found.near_known, params.scan_filter.min_returns):
+    @staticmethod
+    def _judged(found: Update, least_known: float) -> Reason:
+        if found.over_known < least_known:
             return Reason.LITTLE_OVERLAP
         if found.residual > _MOST_RESIDUAL:
             return Reason.HIGH_RESIDUAL
@@ -311,6 +327,21 @@ class ScanFilter:
         error = of_pose @ information @ (x, y, yaw, registration.z)
         error[_Z] = registration.z
         self._correct(error, of_pose, precision, T_odom_base)
+
+
+def _registration(found: Update, reason: Reason, returns: int) -> Registration:
+    """What an update by a number of returns tells others."""
+    return Registration(
+        reason=reason,
+        offset=found.error[[_X, _Y, _YAW]],
+        z=float(found.error[_Z]),
+        information=found.information[_PLANAR],
+        known=found.over_known / returns,
+        overlap=found.over_known / max(found.near_known, 1),
+        residual=found.residual,
+        ratio=0.0,
+        points=returns,
+    )
 
 
 def _fit(found: Registration) -> float:

@@ -75,6 +75,7 @@ def update_by_returns(
     precision: Array,
     landmarks: Landmarks,
     params: ScanFilterParams,
+    start: Array | None = None,
 ) -> Update:
     """Hold returns against the map.
 
@@ -88,8 +89,11 @@ def update_by_returns(
         Inverse of the prior covariance of x, y, yaw, z.
     landmarks : Landmarks
     params : ScanFilterParams
+    start : (6,) float64, optional
+        The error to begin with; zeros by default.
     """
-    error, information = np.zeros(6), np.zeros((4, 4))
+    error = np.zeros(6) if start is None else start.copy()
+    information = np.zeros((4, 4))
     covariance = np.asarray(np.linalg.inv(precision), np.float64)
     settings = (
         params.wall_noise**2, params.ground_noise**2, 1.0 / params.tilt_noise**2,

@@ -207,6 +207,11 @@ class Tracker:
         self._T_odom_base = None
         self._search = self._hypotheses = self._proposed = None
 
+    def mend(self, T_map_odom: se3.Matrix, covariance: Array) -> None:
+        """Odometry has jumped, the robot has not: its frame is at another pose from now on."""
+        self.forget()
+        self.set_pose(T_map_odom, covariance)
+
     def request_search(self) -> None:
         """Search the whole map as soon as a short-term map is mature."""
         self._is_search_wanted = True

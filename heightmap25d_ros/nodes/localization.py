@@ -50,6 +50,8 @@ class LocalizationNode(ManagedNode):
         "short_term",
         "registration",
         "localization",
+        "scan_filter",
+        "slam",
         "mapping.map_frame",
     )
 
@@ -63,6 +65,7 @@ class LocalizationNode(ManagedNode):
             Input(PointCloud2, topic, partial(self._on_cloud, topic), qos.CLOUDS, is_needed=True)
             for topic in self.params.intake.cloud_topics
         ]
+        settings = self.params.localization
         long_term = Input(
             HeightGrid, "long_term_grid", self._localizer.take_long_term, qos.LATCHED,
             is_needed=True,
@@ -72,7 +75,7 @@ class LocalizationNode(ManagedNode):
             *clouds,
             *pose_inputs(self.params.intake, self._on_odometry, self._on_transforms, self.flatness),
             Input(PoseWithCovarianceStamped, "initialpose", self._on_initial_pose, qos.QUEUE),
-            *([] if self.params.localization.map_directory else [long_term]),
+            *([] if settings.map_directory or settings.own_map else [long_term]),
         ]
 
     def outputs(self) -> list[Output]:

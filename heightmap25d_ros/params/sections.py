@@ -597,6 +597,18 @@ class LocalizationParams(Section):
     map_directory: str = parameter(
         "", "directory of the long-term map; empty: from the topic long_term_grid"
     )
+    own_map: bool = parameter(
+        False, "localization on the map made so far, without a long-term map (SLAM); closed loops "
+        "move the pose at once"
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        Section.__post_init__(self)
+        if self.own_map and self.map_directory:
+            raise InputError(
+                "parameter localization.own_map: is of a robot without a map, and "
+                "localization.map_directory names one"
+            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -665,6 +677,32 @@ class ScanFilterParams(Section):
     z_drift: float = parameter(
         0.01, "standard deviation that a metre adds to z besides these", "m", low=0.0, high=1.0
     )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SlamParams(Section):
+    """Maps without known poses."""
+
+    submap_length: float = parameter(
+        4.0, "distance travelled along which a submap is rigid", "m", low=0.5, high=100.0
+    )
+    active_distance: float = parameter(
+        40.0, "distance back along the drive and its loops that scans are held against", "m",
+        low=1.0, high=100000.0,
+    )  # fmt: skip
+    reach: float = parameter(
+        16.0, "distance from the robot within which returns are held against the map", "m",
+        low=2.0, high=200.0,
+    )  # fmt: skip
+    refresh_distance: float = parameter(
+        0.4, "distance travelled after which what has been mapped since is used", "m",
+        low=0.05, high=10.0,
+    )  # fmt: skip
+    close_loops: bool = parameter(True, "search older submaps for the robot, and join them")
+    max_drift: float = parameter(
+        15.0, "farthest that the robot is searched from where it is expected", "m",
+        low=0.5, high=1000.0,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -865,6 +903,7 @@ class Params:
     registration: RegistrationParams = field(default_factory=RegistrationParams)
     localization: LocalizationParams = field(default_factory=LocalizationParams)
     scan_filter: ScanFilterParams = field(default_factory=ScanFilterParams)
+    slam: SlamParams = field(default_factory=SlamParams)
     exploration: ExplorationParams = field(default_factory=ExplorationParams)
     path_follower: PathFollowerParams = field(default_factory=PathFollowerParams)
     simulator: SimulatorParams = field(default_factory=SimulatorParams)

@@ -34,6 +34,7 @@ from heightmap25d_ros.pipelines.odometry_gate import Jump
 from heightmap25d_ros.pipelines.scan_queue import Reading, ScanQueue
 from heightmap25d_ros.pipelines.self_check import Finding, findings_of_drive
 from heightmap25d_ros.pipelines.transform_buffer import JUMP_BACK_NS
+from heightmap25d_ros.slam.own_map_localization import OwnMapLocalization
 
 _LEAST_COVARIANCE = np.diag(np.square([0.01, 0.01, 0.001]))  # nobody is surer of a pose
 _AROUND = 2  # [cells] around a place that tell the height of the ground there
@@ -80,7 +81,7 @@ class Pose:
 
 
 class Localizer:
-    """Holds the pose of the robot to a long-term map.
+    """Holds the pose of the robot to a long-term map, or to the map that it makes.
 
     Each ``take_...`` takes a message in, by duck type, and returns the attempts to register that
     it led to. A bad message is counted and changes nothing.
@@ -125,8 +126,12 @@ class Localizer:
         )
         self._initial_covariance = np.diag(np.square([position, position, yaw]))
         T_map_odom, covariance = self._told_pose or (np.eye(4), self._initial_covariance)
-        self._tracker = Tracker(self._params, T_map_odom, covariance, self._search_slice)
-        self._tracker.set_long_term(self._surface, self._landmarks)
+        self._tracker: Tracker | OwnMapLocalization
+        if self._params.localization.own_map:
+            self._tracker = OwnMapLocalization(self._params, T_map_odom)
+        else:
+            self._tracker = Tracker(self._params, T_map_odom, covariance, self._search_slice)
+            self._tracker.set_long_term(self._surface, self._landmarks)
         self._smooth = SmoothCorrection(self._params.localization, T_map_odom)
         self._jumps_seen = self._tracker.jumps
         self._odometry: Odometry | None = None
@@ -217,6 +222,8 @@ class Localizer:
 
     def short_term_map(self) -> HeightMap | None:
         """The short-term map that is registered next, in cells of its own in odom."""
+        if isinstance(self._tracker, OwnMapLocalization):
+            return None
         short_term_map = self._tracker.short_term_map()
         return None if short_term_map is None else short_term_map.height_map()
 
@@ -228,8 +235,11 @@ class Localizer:
         Raises
         ------
         InputError
-            If the memory for it is not available; the map before stays.
+            If the memory for it is not available; the map before stays. Or if the robot makes its
+            own map (``localization.own_map``).
         """
+        if isinstance(self._tracker, OwnMapLocalization):
+            raise InputError("a robot with localization.own_map takes no long-term map")
         self._surface = surface_of(height_map, self._params.registration.edge_step)
         self._landmarks = None if layers is None else landmarks_of(height_map, layers)
         self._tracker.set_long_term(self._surface, self._landmarks)
@@ -249,7 +259,7 @@ class Localizer:
 
     def request_search(self) -> bool:
         """Search the whole map for the robot; whether there is one."""
-        if self._surface is None:
+        if self._surface is None or isinstance(self._tracker, OwnMapLocalization):
             return False
         self._tracker.request_search()
         return True
@@ -350,8 +360,7 @@ class Localizer:
     def _mend_jump(self, jump: Jump) -> None:
         """Where odometry jumps, the robot has not: it stays where it was in the map."""
         self._odometry = jump.after
-        self._tracker.forget()
-        self._tracker.set_pose(
+        self._tracker.mend(
             self._tracker.estimate.T_map_odom @ jump.T_before_after,
             self._tracker.estimate.covariance + self._initial_covariance,
         )

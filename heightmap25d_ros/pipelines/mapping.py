@@ -438,25 +438,27 @@ class Mapping:
     def _merge(self, readings: list[Reading]) -> list[Reading]:
         readings = self._known(readings)
         for reading in readings:
-            if not self._has_begun:
-                self._begin(reading.T_map_base[0])
-            beams = reading.beams(self._params)
-            result = self._mapper.integrate(beams)
-            if self._layers is not None:
-                self._layers.integrate(beams)
-            if self._drop_offs is not None:
-                self._drop_offs.integrate(beams)
-            self.watch.observe_ranges(reading.scan, self._params.sensor.no_return, self.dropped)
-            self.merged["scans"] += 1
-            self.merged["returns"] += result.hits
-            self.dropped.record(
-                "return: more than 327 m from ground zero", count=result.out_of_range
-            )
-            self.dropped.record("return: beyond grid.extent", count=result.outside)
-            self.dropped.record("return: above levels.max_surfaces", count=result.surplus)
-            self.stamp_ns = reading.scan.stamp_ns
-            self._robot = tuple(reading.T_map_base[-1][:3, 3].tolist())
+            self.merge(reading)
         return readings
+
+    def merge(self, reading: Reading) -> None:
+        """Merge a scan whose pose in the map is known."""
+        if not self._has_begun:
+            self._begin(reading.T_map_base[0])
+        beams = reading.beams(self._params)
+        result = self._mapper.integrate(beams)
+        if self._layers is not None:
+            self._layers.integrate(beams)
+        if self._drop_offs is not None:
+            self._drop_offs.integrate(beams)
+        self.watch.observe_ranges(reading.scan, self._params.sensor.no_return, self.dropped)
+        self.merged["scans"] += 1
+        self.merged["returns"] += result.hits
+        self.dropped.record("return: more than 327 m from ground zero", count=result.out_of_range)
+        self.dropped.record("return: beyond grid.extent", count=result.outside)
+        self.dropped.record("return: above levels.max_surfaces", count=result.surplus)
+        self.stamp_ns = reading.scan.stamp_ns
+        self._robot = tuple(reading.T_map_base[-1][:3, 3].tolist())
 
     def _begin(self, T_map_base: se3.Matrix) -> None:
         """Anchor an empty map at the robot, on ground that no laser sees under and around it."""

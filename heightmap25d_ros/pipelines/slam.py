@@ -1,0 +1,249 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Scans and odometry in, a map without known poses out: what ``heightmap25d slam`` drives.
+
+`Slam` localizes a drive on the map that it makes of it. `CorrectedMapping` is the same drive once
+more, into a map with the poses that came of it, held against a finished map if there is one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from heightmap25d_ros import se3
+from heightmap25d_ros.io.bag import Bag
+from heightmap25d_ros.localization.landmarks import Landmarks, landmarks_of
+from heightmap25d_ros.params.sections import Params
+from heightmap25d_ros.pipelines.drops import Drops
+from heightmap25d_ros.pipelines.input_watch import InputWatch
+from heightmap25d_ros.pipelines.mapping import Mapping
+from heightmap25d_ros.pipelines.replay import replayed
+from heightmap25d_ros.pipelines.scan_queue import Reading, ScanQueue
+from heightmap25d_ros.pipelines.self_check import Finding, findings_of_drive
+from heightmap25d_ros.slam.map_pass import MapPass, ScanPose
+from heightmap25d_ros.slam.own_map_tracker import OwnMapTracker
+
+
+class _Drive:
+    """Messages of a robot in, readings with poses in odom out."""
+
+    def __init__(self, params: Params) -> None:
+        self._params = params
+        self.dropped = Drops()
+        self._queue = ScanQueue(params.intake, self.dropped, params.odometry)
+
+    @property
+    def scan_topics(self) -> tuple[str, ...]:
+        """The topics that `take_scan` knows."""
+        return self._params.intake.scan_topics
+
+    @property
+    def cloud_topics(self) -> tuple[str, ...]:
+        """The topics that `take_cloud` knows."""
+        return self._params.intake.cloud_topics
+
+    @property
+    def watch(self) -> InputWatch:
+        """What was noticed about scans and poses."""
+        return self._queue.watch
+
+    def problems(self) -> list[Finding]:
+        """What was wrong with the messages of the whole drive, see `findings_of_drive`."""
+        return findings_of_drive(self.watch, self.dropped)
+
+    def take_scan(self, topic: str, message: Any) -> list[Reading]:
+        """Take a sensor_msgs/LaserScan of one of ``intake.scan_topics`` in."""
+        return self._use(self._queue.take_scan(topic, message))
+
+    def take_cloud(self, topic: str, message: Any) -> list[Reading]:
+        """Take a sensor_msgs/PointCloud2 of one of ``intake.cloud_topics`` in."""
+        return self._use(self._queue.take_cloud(topic, message))
+
+    def take_odometry(self, message: Any) -> list[Reading]:
+        """Take a pose of the robot in, see `robot_pose`."""
+        return self._use(self._queue.take_odometry(message))
+
+    def take_transforms(self, message: Any, *, is_static: bool) -> list[Reading]:
+        """Take a tf2_msgs/TFMessage of /tf or of /tf_static in."""
+        return self._use(self._queue.take_transforms(message, is_static=is_static))
+
+    def flush(self) -> list[Reading]:
+        """No more messages will come: use what is ready, drop what still waits."""
+        return self._use(self._queue.flush())
+
+    def _use(self, readings: list[Reading]) -> list[Reading]:
+        for reading in readings:
+            self._integrate(reading)
+        return readings
+
+    def _integrate(self, reading: Reading) -> None:
+        raise NotImplementedError
+
+
+class Slam(_Drive):
+    """A drive, localized on the map that is made of it.
+
+    Each ``take_...`` takes a message in, by duck type, and returns the scans that it completed. A
+    bad message is counted and changes nothing.
+
+    Parameters
+    ----------
+    params : Params, optional
+
+    Attributes
+    ----------
+    tracker : OwnMapTracker
+    dropped : Drops
+    """
+
+    def __init__(self, params: Params | None = None) -> None:
+        super().__init__(params or Params())
+        self.tracker = OwnMapTracker(self._params)
+
+    def flush(self) -> list[Reading]:
+        """No more messages will come: use what is ready, and look back once more."""
+        readings = super().flush()
+        self.tracker.finish()
+        return readings
+
+    def _integrate(self, reading: Reading) -> None:
+        self.watch.observe_ranges(reading.scan, self._params.sensor.no_return, self.dropped)
+        beams = reading.beams(self._params)
+        self.tracker.integrate(beams, reading.T_map_base[-1], reading.scan.stamp_ns)
+
+
+class CorrectedMapping(_Drive):
+    """The same drive into a map, with poses of odom in the map.
+
+    Parameters
+    ----------
+    mapping : Mapping
+        Where it is merged.
+    poses : iterable of ScanPose
+        Of the scans, in their order.
+    params : Params
+    landmarks : Landmarks, optional
+        Of a finished map, against which the poses are held once more.
+
+    Attributes
+    ----------
+    poses : list of ScanPose
+        As they were merged; those that are not sure were not.
+    trajectory : list of (int, (4, 4) float64)
+        Stamp [ns] and pose of the robot in the map at each scan.
+    """
+
+    def __init__(
+        self,
+        mapping: Mapping,
+        poses: Iterable[ScanPose],
+        params: Params,
+        landmarks: Landmarks | None = None,
+    ) -> None:
+        super().__init__(params)
+        self.poses: list[ScanPose] = []
+        self.trajectory: list[tuple[int, se3.Matrix]] = []
+        self._mapping = mapping
+        self._given: Iterator[ScanPose] = iter(poses)
+        self._pass = None if landmarks is None else MapPass(landmarks, params)
+
+    @property
+    def disagreed(self) -> float:
+        """Distance [m] along which the finished map and the given poses disagree."""
+        return 0.0 if self._pass is None else self._pass.disagreed
+
+    def _integrate(self, reading: Reading) -> None:
+        pose = next(self._given)
+        assert pose.stamp_ns == reading.scan.stamp_ns
+        if self._pass is not None:
+            beams = reading.beams(self._params)
+            pose = self._pass.pose(beams, reading.T_map_base[-1], pose)
+        placed = replace(reading, T_map_base=np.asarray(pose.T_map_odom @ reading.T_map_base))
+        if pose.is_sure:
+            self._mapping.merge(placed)
+        self.poses.append(pose)
+        self.trajectory.append((pose.stamp_ns, placed.T_map_base[0]))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SlamResult:
+    """A map without known poses, and what it was made of.
+
+    Attributes
+    ----------
+    mapping : Mapping
+        The map.
+    slam : Slam
+        The drive as it was localized, with all that was noticed.
+    odometry, trajectory : list of (int, (4, 4) float64)
+        Stamp [ns] of each scan, and pose of the robot: by odometry alone, and in the map.
+    disagreed : float [m]
+        Travelled where the map and the poses that it was made of disagree.
+    """
+
+    mapping: Mapping
+    slam: Slam
+    odometry: list[tuple[int, se3.Matrix]]
+    trajectory: list[tuple[int, se3.Matrix]]
+    disagreed: float
+
+
+def slam_bag(
+    bag: Bag, params: Params, odom_topic: str, stretch: tuple[int, int] | None = None
+) -> SlamResult:
+    """Map a bag without known poses: the same bag, the same map.
+
+    The drive is localized on the map made so far; the map is then made anew with the poses that
+    came of it, and once more with those that are found on that map. The bag is read three times,
+    so that the memory does not grow with its length, but for the poses.
+
+    Parameters
+    ----------
+    bag : Bag
+    params : Params
+        With the scan topics of the bag.
+    odom_topic : str
+        Of the robot's poses, see `replay.pose_topic`.
+    stretch : (int, int) [ns], optional
+        See `replay.replayed`.
+
+    Raises
+    ------
+    InputError
+        If the bag is damaged, or nothing could be mapped.
+    """
+    slam = Slam(params)
+    odometry = [
+        (reading.scan.stamp_ns, reading.T_map_base[0])
+        for step in replayed(bag, slam, odom_topic, params.intake, stretch)
+        for reading in step.outcomes
+    ]
+    poses = slam.tracker.poses()
+    mapping = Mapping(params)
+    made = CorrectedMapping(mapping, poses, params)
+    _run(bag, made, odom_topic, params, stretch)
+    height_map, _ = mapping.maps(np.inf)
+    layers = mapping.layers(height_map.geometry)
+    if height_map.known.any() and layers is not None:
+        mapping = Mapping(params)
+        made = CorrectedMapping(mapping, poses, params, landmarks_of(height_map, layers))
+        _run(bag, made, odom_topic, params, stretch)
+    return SlamResult(
+        mapping=mapping, slam=slam, odometry=odometry, trajectory=made.trajectory,
+        disagreed=made.disagreed,
+    )  # fmt: skip
+
+
+def _run(
+    bag: Bag,
+    pipeline: CorrectedMapping,
+    odom_topic: str,
+    params: Params,
+    stretch: tuple[int, int] | None,
+) -> None:
+    for _ in replayed(bag, pipeline, odom_topic, params.intake, stretch):
+        pass

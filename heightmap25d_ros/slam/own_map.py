@@ -1,0 +1,63 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What has been mapped so far around a place, as the scan filter and searches use it.
+
+Only the surroundings are joined, so that it costs the same however large the map has become.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from heightmap25d_ros.arrays import Array
+from heightmap25d_ros.grid.height_map import Area, HeightMap
+from heightmap25d_ros.localization.landmarks import Landmarks, landmarks_of
+from heightmap25d_ros.localization.layers import NAMES, LayerMap
+from heightmap25d_ros.slam.submaps import Submap, joined
+
+
+def surroundings(
+    submaps: list[Submap], position: Array, reach: float, resolution: float
+) -> tuple[HeightMap, LayerMap]:
+    """Height map and localization layers of submaps within a square around a position.
+
+    Parameters
+    ----------
+    submaps : list of Submap
+    position : (3,) float64 [m], map
+        Its z is near the heights.
+    reach : float [m]
+        Half the side of the square, cut to what the submaps cover.
+    resolution : float [m]
+    """
+    near = [s for s in submaps if (np.abs(_nearest(s, position) - position[:2]) <= reach).all()]
+    bounds = [submap.bounds() for submap in near] or [(position[:2], position[:2])]
+    low = np.maximum(np.min([b[0] for b in bounds], axis=0), position[:2] - reach)
+    high = np.minimum(np.max([b[1] for b in bounds], axis=0), position[:2] + reach)
+    ix, iy = np.floor(low / resolution).astype(int)
+    columns, rows = np.maximum(np.ceil(high / resolution).astype(int) - (ix, iy), 1)
+    level = float(np.floor(position[2] + 0.5))
+    area = Area(int(iy), int(ix), int(rows), int(columns))
+    whole = joined(near, area, resolution, level)
+    height_map = HeightMap.from_metres(
+        whole.top + np.float64(level), resolution=resolution, ground_zero=level,
+        origin=(float(ix * resolution), float(iy * resolution)),
+    )  # fmt: skip
+    dense = dict(zip(NAMES, whole.layers, strict=True))
+    dense["ground_height"] = np.where(
+        dense["ground_count"] > 0, dense["ground_height"] + np.float32(level), np.float32(0.0)
+    )
+    return height_map, LayerMap(geometry=height_map.geometry, **dense)
+
+
+def landmarks_around(
+    submaps: list[Submap], position: Array, reach: float, resolution: float
+) -> Landmarks:
+    """Walls and ground of submaps around a position, see `surroundings`."""
+    return landmarks_of(*surroundings(submaps, position, reach, resolution))
+
+
+def _nearest(submap: Submap, position: Array) -> Array:
+    """The place x, y (2,) [m] of the bounds of a submap that is nearest to a position."""
+    low, high = submap.bounds()
+    return np.clip(position[:2], low, high)

@@ -1,0 +1,100 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Submaps that are joined, against one map of all that they have seen."""
+
+import numpy as np
+import pytest
+
+from heightmap25d_ros import se3
+from heightmap25d_ros.localization.landmarks import landmarks_of
+from heightmap25d_ros.localization.layers import NAMES
+from heightmap25d_ros.mapping.sensor_model import Beams
+from heightmap25d_ros.params.sections import Params
+from heightmap25d_ros.slam.own_map import surroundings
+from heightmap25d_ros.slam.submaps import Submap
+
+PARAMS = Params()
+
+
+def beams_of(ends):
+    """Beams from 1 m above the origin."""
+    return Beams(
+        origins=np.broadcast_to([0.0, 0.0, 1.0], ends.shape).copy(), ends=ends,
+        is_hit=np.ones(len(ends), bool), is_lone=np.zeros(len(ends), bool),
+    )  # fmt: skip
+
+
+def world(rng, count=4000):
+    """Returns of a floor, and of a wall that stands along y."""
+    floor = np.column_stack([rng.uniform(-3, 3, (count, 2)), rng.normal(0.0, 0.01, count)])
+    wall = np.column_stack([
+        rng.normal(2.03, 0.005, count), rng.uniform(-3, 3, count), rng.uniform(0.2, 0.8, count)
+    ])  # fmt: skip
+    return [floor, wall, wall]
+
+
+def submap_of(parts, T_map_submap=None):
+    submap = Submap(np.eye(4), PARAMS)
+    for part in parts:
+        submap.integrate(beams_of(part))
+    submap.finish()
+    if T_map_submap is not None:
+        submap.T_map_submap = T_map_submap
+    return submap
+
+
+def around(submaps):
+    return surroundings(submaps, np.zeros(3), 4.0, PARAMS.grid.resolution)
+
+
+def test_submaps_that_stay_are_one_map():
+    rng = np.random.default_rng(1)
+    parts = world(rng)
+    whole, layers = around([submap_of(parts)])
+    split, split_layers = around([submap_of(parts[:2]), submap_of(parts[2:])])
+    both = whole.known & split.known
+    assert both.sum() > 0.95 * whole.known.sum()
+    wall = landmarks_of(whole, layers).walls
+    again = landmarks_of(split, split_layers).walls
+    for found in (wall, again):
+        on_wall = np.abs(found[:, 0] - 2.03) < 0.1
+        assert on_wall.sum() >= 40
+        np.testing.assert_allclose(np.abs(found[on_wall][:, 2]), 1.0, atol=1e-3)
+        np.testing.assert_allclose(found[on_wall][:, 4], 2.03, atol=0.005)
+
+
+def test_one_submap_gives_back_its_layers():
+    rng = np.random.default_rng(2)
+    submap = submap_of(world(rng))
+    _, layers = around([submap])
+    cells = submap.cells()
+    assert layers.ground_count.sum() == pytest.approx(cells.layers[:, 0].sum())
+    assert layers.elevated_count.sum() == pytest.approx(cells.layers[:, 6].sum())
+    for name in NAMES:
+        assert np.isfinite(getattr(layers, name)).all()
+
+
+def test_a_submap_that_was_moved_has_its_wall_where_it_was_moved_to():
+    rng = np.random.default_rng(3)
+    T = se3.from_xyz_rpy([0.3, -0.2, 0.5, 0.0, 0.0, np.radians(20.0)])
+    height_map, layers = around([submap_of(world(rng), T)])
+    walls = landmarks_of(height_map, layers).walls
+    normal = T[:2, :2] @ [1.0, 0.0]
+    offset = normal @ (T[:2, :2] @ [2.03, 0.0] + T[:2, 3])
+    # The ends of the wall and what is above its cells' floor are judged by their own.
+    on_wall = np.abs(walls[:, :2] @ normal - offset) < 0.1
+    assert on_wall.sum() >= 30
+    found = walls[on_wall]
+    along = np.abs(found[:, 2:4] @ normal)
+    assert np.nanmedian(along) > np.cos(np.radians(1.0))
+    np.testing.assert_allclose(np.nanmedian(found[:, 4:6] @ normal), offset, atol=0.01)
+    ground = layers.ground_height[layers.ground_count > 0]
+    np.testing.assert_allclose(np.median(ground), 0.5, atol=0.01)
+
+
+def test_move_to_puts_the_beginning_where_it_is_told():
+    start = se3.from_xyz_rpy([4.0, 5.0, 1.0, 0.02, -0.03, 0.7])
+    submap = Submap(start, PARAMS)
+    pose = np.array([1.0, -2.0, 3.0, 0.5])
+    submap.move_to(pose)
+    np.testing.assert_allclose(submap.pose, pose, atol=1e-9)
