@@ -122,7 +122,6 @@ def test_points_farther_than_any_number_of_meters_do_no_harm():
     assert result.is_hit.sum() == 3
 
 
-
 @draws(60)
 @given(st.lists(st.sampled_from([2.0, 2.1, 2.2, 2.5, 4.0, np.nan]), min_size=3, max_size=12))
 def test_lone_returns_are_those_of_the_same_scan(ranges):
