@@ -35,7 +35,8 @@ def obstacle_map() -> SimpleNamespace:
     occupancy = np.zeros((ROWS, COLUMNS), np.int8)
     occupancy[5:15, 30:50] = -1
     occupancy[20:25, 5:10] = 100
-    return SimpleNamespace(geometry=GEOMETRY, occupancy=occupancy)
+    cost = np.maximum(occupancy, 0)
+    return SimpleNamespace(geometry=GEOMETRY, occupancy=occupancy, cost=cost)
 
 
 def pixels(path: Path) -> np.ndarray:
