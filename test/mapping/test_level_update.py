@@ -168,8 +168,8 @@ def test_the_order_of_decks_makes_no_difference():
     pass_at(over_first, 0.4, times=8)
     assert surfaces(over_first) == [(241, 241)]
     see(over_first, *readings[:3])
-    assert surfaces(over_first) == [(None, 0), (241, 241)]
-    assert surfaces(over_last) == [(None, 0), (240, 241)]
+    assert surfaces(over_first) == [(None, 1), (241, 241)]
+    assert surfaces(over_last) == [(None, 1), (240, 241)]
 
 
 def test_a_beam_below_a_deck_leaves_it_alone_and_one_through_it_does_not():
