@@ -28,7 +28,8 @@ pytestmark = pytest.mark.slow  # whole drives
 
 OFFSET = np.array([500_000.0, 4_500_000.0, 2500.0])
 SCANS = ["/scan", "/scan_down"]
-PARAMS = with_values(Params(), {"intake.scan_topics": SCANS})
+# One surface a cell: the format of a file with several is another one.
+PARAMS = with_values(Params(), {"intake.scan_topics": SCANS, "levels.max_surfaces": 1})
 
 
 def translated(event, offset):

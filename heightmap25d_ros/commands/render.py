@@ -33,12 +33,22 @@ def add_to(commands: Any) -> None:
 
 
 def _levels(height_map: HeightMap, settings: Params) -> list[HeightMap]:
-    """The slices of a map of several levels; none of a map of one level."""
+    """The slices of a map of several levels; none of a map of one level.
+
+    A level is one that the robot could stand on: tops of walls are none.
+    """
     if not len(height_map.upper):
         return []
     stack = SurfaceStack(height_map, settings.levels, settings.traversability)
-    slices = stack.slices(stack.footprint_cells)
-    return [found.height_map for found in slices] if len(slices) > 1 else []
+    levels: list[HeightMap] = []
+    for found in stack.slices(stack.footprint_cells):
+        shown = found.height_map
+        free = to_obstacle_map(shown, settings.traversability).occupancy == 0
+        for other in levels:
+            free &= ~other.known | (shown.height != other.height)
+        if not levels or free.sum() >= stack.footprint_cells:
+            levels.append(shown)
+    return levels if len(levels) > 1 else []
 
 
 def _render(options: argparse.Namespace) -> Figures:

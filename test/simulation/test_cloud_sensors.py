@@ -94,7 +94,9 @@ def test_a_drive_with_lidar_and_camera_is_mapped_and_localized():
         feed(mapping, event.topic, event.message)
     mapping.flush()
     assert mapping.merged["scans"] > 80
-    assert not mapping.dropped
+    # Rings high on a pillar may be more surfaces than a cell holds: counted, and of no other kind.
+    assert set(mapping.dropped) <= {"return: above levels.max_surfaces"}
+    assert sum(mapping.dropped.values()) < 10
     height_map, _ = mapping.maps()
     iy, ix = np.nonzero(height_map.known)
     centres = height_map.geometry.cell_center(np.stack([iy, ix], axis=1))

@@ -35,7 +35,8 @@ def obstacle_map() -> SimpleNamespace:
     occupancy = np.zeros((ROWS, COLUMNS), np.int8)
     occupancy[5:15, 30:50] = -1
     occupancy[20:25, 5:10] = 100
-    return SimpleNamespace(geometry=GEOMETRY, occupancy=occupancy)
+    cost = np.maximum(occupancy, 0)
+    return SimpleNamespace(geometry=GEOMETRY, occupancy=occupancy, cost=cost)
 
 
 def pixels(path: Path) -> np.ndarray:
@@ -117,9 +118,8 @@ def test_map_without_known_cells_is_drawn(tmp_path: Path) -> None:
     map_figures.height_map(tmp_path / "heights.png", nothing)
     map_figures.blocks(tmp_path / "blocks.png", nothing)
     unknown = np.full((ROWS, COLUMNS), -1, np.int8)
-    map_figures.obstacle_map(
-        tmp_path / "obstacles.png", SimpleNamespace(geometry=GEOMETRY, occupancy=unknown)
-    )
+    shown = SimpleNamespace(geometry=GEOMETRY, occupancy=unknown, cost=unknown)
+    map_figures.obstacle_map(tmp_path / "obstacles.png", shown)
     assert len(list(tmp_path.iterdir())) == 3
 
 
