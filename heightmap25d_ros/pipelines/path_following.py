@@ -246,7 +246,7 @@ class _LocalTerrain:
         whole = Area(0, 0, *height_map.geometry.shape)
         cells = math.ceil(reach / resolution)
         area = Area(int(iy), int(ix), 1, 1).grown(cells).within(whole)
-        part = _part(height_map, area if area.rows and area.columns else Area(0, 0, 1, 1))
+        part = height_map.part(area if area.rows and area.columns else Area(0, 0, 1, 1))
         self._center = T[:2, 3].copy()
         self._radius = params.traversability.robot_radius
         self._planner = Planner.from_height_map(part, params.traversability, params.planner)
@@ -282,13 +282,3 @@ class _LocalTerrain:
         steepest = np.hypot(gradient[0, rows, columns], gradient[1, rows, columns]).max()
         nearest = float(self._clearance[rows[0], columns[0]])
         return Surroundings(math.atan(float(steepest)), nearest - self._radius)
-
-
-def _part(height_map: HeightMap, area: Area) -> HeightMap:
-    here = area.slices(Area(0, 0, *height_map.geometry.shape))
-    return HeightMap(
-        geometry=height_map.geometry.part(area),
-        height=height_map.height[here],
-        probability=height_map.probability[here],
-        probability_threshold=height_map.probability_threshold,
-    )

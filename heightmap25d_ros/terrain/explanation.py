@@ -138,7 +138,7 @@ def explain(
         )  # fmt: skip
         return replace(here, sentence=f"{_place((x, y))}: {here.sentence}")
     window = surroundings(geometry, point, params).within(Area(0, 0, *geometry.shape))
-    view = _View(_part(height_map, window), params)
+    view = _View(replace(height_map.part(window), upper=NO_UPPER), params)
     found = view.explain((iy - window.iy, ix - window.ix))
     holds = f"height {found.height:.2f} m, " if math.isfinite(found.height) else ""
     parts = [found.sentence, f"{holds}probability {found.probability:.2f}"]
@@ -154,17 +154,6 @@ def surroundings(geometry: Geometry, point: ArrayLike, params: TraversabilityPar
     iy, ix = (int(index) for index in geometry.cell_at(point))
     reach = 2 * max(covering_disc(params, geometry.resolution).radius, 1) + 1
     return Area(iy, ix, 1, 1).grown(reach)
-
-
-def _part(height_map: HeightMap, area: Area) -> HeightMap:
-    inside = area.slices(Area(0, 0, *height_map.geometry.shape))
-    return replace(
-        height_map,
-        geometry=height_map.geometry.part(area),
-        height=height_map.height[inside],
-        probability=height_map.probability[inside],
-        upper=NO_UPPER,
-    )
 
 
 class _View:

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -240,15 +239,7 @@ class _Faces(PolyCollection):
 
 def observed_part(shown: HeightMap) -> HeightMap:
     """The bounding box of the known cells of a map, with a margin of two cells."""
-    area = _bounding_area(shown.known)
-    part = area.slices(_whole(shown.geometry))
-    return replace(
-        shown,
-        geometry=shown.geometry.part(area),
-        height=shown.height[part],
-        probability=shown.probability[part],
-        upper=shown.upper.part(area.iy, area.ix, *area.shape),
-    )
+    return shown.part(_bounding_area(shown.known))
 
 
 def _bounding_area(known: NDArray[np.bool_]) -> Area:
