@@ -8,9 +8,9 @@ from one to the next. The piece on each slice is planned by an ordinary `Planner
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -20,10 +20,10 @@ from heightmap25d_ros.grid.height_map import Cell, HeightMap
 from heightmap25d_ros.params.sections import LevelsParams, PlannerParams, TraversabilityParams
 from heightmap25d_ros.planning.graph import TransitionGraph, transition_graph
 from heightmap25d_ros.planning.level_graph import LevelGraph, Place
-from heightmap25d_ros.planning.plan import Plan, Pose2D, Status, as_pose, joined
-from heightmap25d_ros.planning.planner import Planner, compile_kernels
+from heightmap25d_ros.planning.plan import Plan, Pose2D, as_pose, joined
+from heightmap25d_ros.planning.planner import Planner, within_time
 from heightmap25d_ros.planning.refusals import no_path
-from heightmap25d_ros.planning.search import STRAIGHT, CostToGo, SearchTimeoutError, to_cell
+from heightmap25d_ros.planning.search import STRAIGHT, CostToGo, to_cell
 from heightmap25d_ros.planning.start_clearing import ClearedStart, clear_start
 
 _SAME_LEVEL = 0.35
@@ -68,14 +68,9 @@ class LevelPlanner:
         reached. Otherwise as `Planner.plan`; the cost to go is that of the slice of the start.
         """
         start, goal = as_pose("start", start), as_pose("goal", goal)
-        compile_kernels()  # not in the time of the plan
-        began = time.monotonic()
-        try:
-            plan = self._plan(start, goal, is_robot_there, is_field_wanted, began)
-        except SearchTimeoutError:
-            seconds = f"{self._params.timeout:g} s"
-            plan = Plan(status=Status.TIMEOUT, reason=f"no path was found within {seconds}")
-        return replace(plan, seconds=time.monotonic() - began)
+        return within_time(
+            partial(self._plan, start, goal, is_robot_there, is_field_wanted), self._params.timeout
+        )
 
     def cost_along(self, poses: NDArray[np.float64], robot: Pose2D) -> float | None:
         """The cost of driving along a path over all levels, as of `Planner.cost_along`."""
@@ -89,7 +84,12 @@ class LevelPlanner:
         return total
 
     def _plan(
-        self, start: Pose2D, goal: Pose2D, is_robot_there: bool, is_field_wanted: bool, began: float
+        self,
+        start: Pose2D,
+        goal: Pose2D,
+        is_robot_there: bool,
+        is_field_wanted: bool,
+        deadline: float,
     ) -> Plan:
         geometry = self.levels.stack.geometry
         first_cell, goal_cell = (to_cell(geometry.cell_at((p.x, p.y))) for p in (start, goal))
@@ -110,7 +110,7 @@ class LevelPlanner:
         refusal: Plan | None = None
         for layer in self._layers_of(goal, goal_cell):
             last = self.levels.holding((layer, *goal_cell))
-            fields = self.levels.cost_to_go(last, graphs, began + self._params.timeout)
+            fields = self.levels.cost_to_go(last, graphs, deadline)
             begin = _beginning(fields[first], cleared, first_cell)
             places = [] if begin is None else self.levels.route(fields, Place(first, begin))
             if places:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from itertools import pairwise
@@ -143,14 +143,9 @@ class Planner:
             If a pose is not one.
         """
         start, goal = as_pose("start", start), as_pose("goal", goal)
-        compile_kernels()  # not in the time of the plan
-        began = time.monotonic()
-        try:
-            plan = self._plan(start, goal, is_robot_there, is_field_wanted, began)
-        except SearchTimeoutError:
-            seconds = f"{self._params.timeout:g} s"
-            plan = Plan(status=Status.TIMEOUT, reason=f"no path was found within {seconds}")
-        return replace(plan, seconds=time.monotonic() - began)
+        return within_time(
+            partial(self._plan, start, goal, is_robot_there, is_field_wanted), self._params.timeout
+        )
 
     def cost_along(self, poses: NDArray[np.float64], robot: Pose2D) -> float | None:
         """The cost of driving along a path, for a robot at or beside its beginning.
@@ -181,7 +176,12 @@ class Planner:
         return sum(costs) * geometry.resolution
 
     def _plan(
-        self, start: Pose2D, goal: Pose2D, is_robot_there: bool, is_field_wanted: bool, began: float
+        self,
+        start: Pose2D,
+        goal: Pose2D,
+        is_robot_there: bool,
+        is_field_wanted: bool,
+        deadline: float,
     ) -> Plan:
         geometry = self.graph.geometry
         start_cell, goal_cell = (to_cell(geometry.cell_at((p.x, p.y))) for p in (start, goal))
@@ -192,7 +192,6 @@ class Planner:
         cleared = self._cleared(start, is_robot_there)
         if not (cleared.graph.enterable[start_cell] or len(cleared.exits)):
             return no_way_out(cleared.graph, start_cell, self._terrain.robot_radius)
-        deadline = began + self._params.timeout
         asked = _Search(start, goal, start_cell, goal_cell, deadline, is_field_wanted)
         # A robot that needs not turn into obstacles to leave is not told to.
         is_turn_checked = start.yaw is not None and not len(cleared.exits)
@@ -307,15 +306,28 @@ def _without(graph: TransitionGraph, cell: Cell) -> TransitionGraph:
     return graph.with_part(Area(*cell, 1, 1), enterable=np.zeros((1, 1), np.bool_))
 
 
+def within_time(search: Callable[[float], Plan], timeout: float) -> Plan:
+    """The plan of a search that is told its deadline (`time.monotonic`), with the time it took.
+
+    Where it takes longer than a timeout [s], a refusal.
+    """
+    compile_kernels()  # not in the time of the plan
+    began = time.monotonic()
+    try:
+        plan = search(began + timeout)
+    except SearchTimeoutError:
+        reason = f"no path was found within {timeout:g} s"
+        plan = Plan(status=Status.TIMEOUT, reason=reason)
+    return replace(plan, seconds=time.monotonic() - began)
+
+
 @cache
 def compile_kernels() -> None:
     """Compile, or load from numba's cache, all that a plan needs."""
     heights = np.zeros((32, 32))
     heights[10, :16] = 1.0  # a wall, with its near side under the robot at the second start
-    planner = Planner.from_height_map(
-        HeightMap.from_metres(heights), params=PlannerParams(timeout=600.0)
-    )
+    planner = Planner.from_height_map(HeightMap.from_metres(heights))
     goal = Pose2D(3.0, 3.0, yaw=0.0)
     for start in (Pose2D(3.0, 1.0, yaw=0.0), Pose2D(1.0, 1.0, yaw=0.0)):
         for is_field_wanted in (False, True):
-            planner._plan(start, goal, True, is_field_wanted, time.monotonic())
+            planner._plan(start, goal, True, is_field_wanted, math.inf)
