@@ -21,9 +21,9 @@ class MeasuredMapping(Mapping):
         super().__init__(params)
         made.append(self)
 
-    def _merge(self, readings):
+    def _use(self, readings):
         for reading in readings:
-            super()._merge([reading])
+            super()._use([reading])
             merged[f"/{reading.topic} {reading.scan.stamp_ns}"] = time.time()
         return readings
 

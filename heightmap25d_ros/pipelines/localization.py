@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,11 +27,9 @@ from heightmap25d_ros.localization.tracker import Attempt, Tracker
 from heightmap25d_ros.localization.tracking_state import State
 from heightmap25d_ros.mapping import cloud, sensor_model
 from heightmap25d_ros.params.sections import Params
-from heightmap25d_ros.pipelines.drops import Drops
-from heightmap25d_ros.pipelines.input_watch import InputWatch
 from heightmap25d_ros.pipelines.odometry_gate import Jump
-from heightmap25d_ros.pipelines.scan_queue import Reading, ScanQueue
-from heightmap25d_ros.pipelines.self_check import Finding, findings_of_drive
+from heightmap25d_ros.pipelines.scan_queue import Reading
+from heightmap25d_ros.pipelines.sensor_intake import SensorIntake
 from heightmap25d_ros.pipelines.transform_buffer import JUMP_BACK_NS
 from heightmap25d_ros.slam.own_map_localization import OwnMapLocalization
 
@@ -80,7 +77,7 @@ class Pose:
     covariance: Array
 
 
-class Localizer:
+class Localizer(SensorIntake[Attempt]):
     """Holds the pose of the robot to a long-term map, or to the map that it makes.
 
     Each ``take_...`` takes a message in, by duck type, and returns the attempts to register that
@@ -108,10 +105,8 @@ class Localizer:
     """
 
     def __init__(self, params: Params | None = None, search_slice: float = np.inf) -> None:
-        self._params = params = params or Params()
+        super().__init__(params or Params(), is_bridging=False)
         self._search_slice = search_slice
-        self.dropped = Drops()
-        self._queue = ScanQueue(params.intake, self.dropped, params.odometry, is_bridging=False)
         self._surface: Surface | None = None
         self._landmarks: Landmarks | None = None
         self._waiting_pose: tuple[Array, Array] | None = None
@@ -150,25 +145,6 @@ class Localizer:
         """Go on with other parameters; the pose stays, and so does what was seen."""
         self._params = params
         self._tracker.set_params(params)
-
-    @property
-    def scan_topics(self) -> tuple[str, ...]:
-        """The topics that `take_scan` knows."""
-        return self._params.intake.scan_topics
-
-    @property
-    def cloud_topics(self) -> tuple[str, ...]:
-        """The topics that `take_cloud` knows."""
-        return self._params.intake.cloud_topics
-
-    @property
-    def watch(self) -> InputWatch:
-        """What was noticed about scans and poses."""
-        return self._queue.watch
-
-    def problems(self) -> list[Finding]:
-        """What was wrong with the messages of the whole drive, see `findings_of_drive`."""
-        return findings_of_drive(self.watch, self.dropped)
 
     @property
     def state(self) -> State:
@@ -264,25 +240,13 @@ class Localizer:
         self._tracker.request_search()
         return True
 
-    def take_scan(self, topic: str, message: Any) -> list[Attempt]:
-        """Take a sensor_msgs/LaserScan of one of ``intake.scan_topics`` in."""
-        return self._track(self._queue.take_scan(topic, message))
-
-    def take_cloud(self, topic: str, message: Any) -> list[Attempt]:
-        """Take a sensor_msgs/PointCloud2 of one of ``intake.cloud_topics`` in."""
-        return self._track(self._queue.take_cloud(topic, message))
-
-    def take_transforms(self, message: Any, *, is_static: bool) -> list[Attempt]:
-        """Take a tf2_msgs/TFMessage of /tf or of /tf_static in."""
-        return self._track(self._queue.take_transforms(message, is_static=is_static))
-
     def take_odometry(self, message: Any) -> list[Attempt]:
         """Take a nav_msgs/Odometry in; the pose is of its time afterwards."""
         before = self._odometry
         readings = self._queue.take_odometry(message)
         odometry = self._queue.odometry
         if odometry is None or odometry is before:
-            return self._track(readings)
+            return self._use(readings)
         if before is not None and odometry.stamp_ns < before.stamp_ns - JUMP_BACK_NS:
             self._start_over(before, odometry)
             before = None
@@ -293,7 +257,7 @@ class Localizer:
         self._tracker.move(odometry.T)
         if self._waiting_pose is not None:
             self._set_pose(*self._waiting_pose)
-        attempts = self._track(readings)
+        attempts = self._use(readings)
         self._follow(before or odometry, odometry)
         return attempts
 
@@ -330,10 +294,6 @@ class Localizer:
             "long_term_grid", lambda m: self.set_long_term(decode.height_map(m, frame)), message
         )
 
-    def flush(self) -> list[Attempt]:
-        """No more messages will come: use what is ready."""
-        return self._track(self._queue.flush())
-
     def _set_pose(self, xyz_yaw: Array, covariance: Array) -> None:
         assert self._odometry is not None
         x, y, z, yaw = xyz_yaw
@@ -366,7 +326,7 @@ class Localizer:
         )
         self._waiting_pose = None
 
-    def _track(self, readings: Iterable[Reading]) -> list[Attempt]:
+    def _use(self, readings: list[Reading]) -> list[Attempt]:
         attempts = []
         for reading in readings:
             self.watch.observe_ranges(reading.scan, self._params.sensor.no_return, self.dropped)

@@ -29,10 +29,8 @@ from heightmap25d_ros.mapping import cloud, sensor_model
 from heightmap25d_ros.mapping.drop_offs import DropOffs
 from heightmap25d_ros.mapping.mapper import Mapper
 from heightmap25d_ros.params.sections import Params
-from heightmap25d_ros.pipelines.drops import Drops
-from heightmap25d_ros.pipelines.input_watch import InputWatch
-from heightmap25d_ros.pipelines.scan_queue import Reading, ScanQueue
-from heightmap25d_ros.pipelines.self_check import Finding, findings_of_drive
+from heightmap25d_ros.pipelines.scan_queue import Reading
+from heightmap25d_ros.pipelines.sensor_intake import SensorIntake
 from heightmap25d_ros.pipelines.silence import LOCALIZATION, Silence
 from heightmap25d_ros.terrain.explanation import Explanation, Waiting, explain, surroundings
 from heightmap25d_ros.terrain.obstacle_grid import ObstacleGrid, covering
@@ -92,7 +90,7 @@ class Size(NamedTuple):
     bytes: int
 
 
-class Mapping:
+class Mapping(SensorIntake[Reading]):
     """A map in the making.
 
     Each ``take_...`` takes a message in, by duck type, and returns the readings that it
@@ -113,11 +111,9 @@ class Mapping:
     """
 
     def __init__(self, params: Params) -> None:
+        super().__init__(params)
         self.merged: Counter[str] = Counter()
         self.stamp_ns = 0
-        self._params = params
-        self.dropped = Drops()
-        self._queue = ScanQueue(params.intake, self.dropped, params.odometry)
         self._correction_ns = self._tracking_ns = -1
         self._is_lost = self._is_localized = False
         self._silence = Silence([LOCALIZATION], params.intake.timeout)
@@ -197,35 +193,9 @@ class Mapping:
         self.grid.mark_changed()
 
     @property
-    def scan_topics(self) -> tuple[str, ...]:
-        """The topics that `take_scan` knows."""
-        return self._params.intake.scan_topics
-
-    @property
-    def cloud_topics(self) -> tuple[str, ...]:
-        """The topics that `take_cloud` knows."""
-        return self._params.intake.cloud_topics
-
-    @property
     def odometry(self) -> Odometry | None:
         """The newest pose of the robot in its odometry's frame."""
         return self._queue.odometry
-
-    def take_scan(self, topic: str, message: Any) -> list[Reading]:
-        """Take a sensor_msgs/LaserScan of one of ``intake.scan_topics`` in."""
-        return self._merge(self._queue.take_scan(topic, message))
-
-    def take_cloud(self, topic: str, message: Any) -> list[Reading]:
-        """Take a sensor_msgs/PointCloud2 of one of ``intake.cloud_topics`` in."""
-        return self._merge(self._queue.take_cloud(topic, message))
-
-    def take_odometry(self, message: Any) -> list[Reading]:
-        """Take a pose of the robot in, see `robot_pose`."""
-        return self._merge(self._queue.take_odometry(message))
-
-    def take_transforms(self, message: Any, *, is_static: bool) -> list[Reading]:
-        """Take a tf2_msgs/TFMessage of /tf or of /tf_static in."""
-        return self._merge(self._queue.take_transforms(message, is_static=is_static))
 
     def take_correction(self, message: Any) -> None:
         """Take a geometry_msgs/PoseWithCovarianceStamped in: the pose of odom in the map."""
@@ -274,11 +244,7 @@ class Mapping:
 
     def settle(self) -> list[Reading]:
         """Merge what has its poses now, without waiting for the other lasers."""
-        return self._merge(self._queue.settle())
-
-    def flush(self) -> list[Reading]:
-        """No more messages will come: merge what is ready, drop what still waits."""
-        return self._merge(self._queue.flush())
+        return self._use(self._queue.settle())
 
     def begin_drive(self) -> None:
         """The next messages are of another drive, with poses in the same frame; the map stays.
@@ -390,15 +356,6 @@ class Mapping:
         return Size(area.columns, area.rows, self.grid.observed_cells * _BYTES_OF_CELL)
 
     @property
-    def watch(self) -> InputWatch:
-        """What was noticed about scans and poses."""
-        return self._queue.watch
-
-    def problems(self) -> list[Finding]:
-        """What was wrong with the messages of the whole drive, see `findings_of_drive`."""
-        return findings_of_drive(self.watch, self.dropped)
-
-    @property
     def trouble(self) -> str:
         """Why nothing is mapped now; empty where something can be."""
         if self._is_paused:
@@ -435,7 +392,7 @@ class Mapping:
         self.dropped.record("scan: the pose is unknown since the odometry jumped", count=unknown)
         return known
 
-    def _merge(self, readings: list[Reading]) -> list[Reading]:
+    def _use(self, readings: list[Reading]) -> list[Reading]:
         readings = self._known(readings)
         for reading in readings:
             self.merge(reading)

@@ -8,9 +8,9 @@ more, into a map with the poses that came of it, held against a finished map if 
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -18,70 +18,25 @@ from heightmap25d_ros import se3
 from heightmap25d_ros.io.bag import Bag
 from heightmap25d_ros.localization.landmarks import Landmarks, landmarks_of
 from heightmap25d_ros.params.sections import Params
-from heightmap25d_ros.pipelines.drops import Drops
-from heightmap25d_ros.pipelines.input_watch import InputWatch
 from heightmap25d_ros.pipelines.mapping import Mapping
 from heightmap25d_ros.pipelines.replay import replayed
-from heightmap25d_ros.pipelines.scan_queue import Reading, ScanQueue
-from heightmap25d_ros.pipelines.self_check import Finding, findings_of_drive
+from heightmap25d_ros.pipelines.scan_queue import Reading
+from heightmap25d_ros.pipelines.sensor_intake import SensorIntake
 from heightmap25d_ros.slam.map_pass import MapPass, ScanPose
 from heightmap25d_ros.slam.own_map_tracker import OwnMapTracker
 
 
-class _Drive:
-    """Messages of a robot in, readings with poses in odom out."""
-
-    def __init__(self, params: Params) -> None:
-        self._params = params
-        self.dropped = Drops()
-        self._queue = ScanQueue(params.intake, self.dropped, params.odometry)
-
-    @property
-    def scan_topics(self) -> tuple[str, ...]:
-        """The topics that `take_scan` knows."""
-        return self._params.intake.scan_topics
-
-    @property
-    def cloud_topics(self) -> tuple[str, ...]:
-        """The topics that `take_cloud` knows."""
-        return self._params.intake.cloud_topics
-
-    @property
-    def watch(self) -> InputWatch:
-        """What was noticed about scans and poses."""
-        return self._queue.watch
-
-    def problems(self) -> list[Finding]:
-        """What was wrong with the messages of the whole drive, see `findings_of_drive`."""
-        return findings_of_drive(self.watch, self.dropped)
-
-    def take_scan(self, topic: str, message: Any) -> list[Reading]:
-        """Take a sensor_msgs/LaserScan of one of ``intake.scan_topics`` in."""
-        return self._use(self._queue.take_scan(topic, message))
-
-    def take_cloud(self, topic: str, message: Any) -> list[Reading]:
-        """Take a sensor_msgs/PointCloud2 of one of ``intake.cloud_topics`` in."""
-        return self._use(self._queue.take_cloud(topic, message))
-
-    def take_odometry(self, message: Any) -> list[Reading]:
-        """Take a pose of the robot in, see `robot_pose`."""
-        return self._use(self._queue.take_odometry(message))
-
-    def take_transforms(self, message: Any, *, is_static: bool) -> list[Reading]:
-        """Take a tf2_msgs/TFMessage of /tf or of /tf_static in."""
-        return self._use(self._queue.take_transforms(message, is_static=is_static))
-
-    def flush(self) -> list[Reading]:
-        """No more messages will come: use what is ready, drop what still waits."""
-        return self._use(self._queue.flush())
+class _Drive(SensorIntake[Reading]):
+    """A drive, scan by scan, with poses in odom."""
 
     def _use(self, readings: list[Reading]) -> list[Reading]:
         for reading in readings:
             self._integrate(reading)
         return readings
 
+    @abstractmethod
     def _integrate(self, reading: Reading) -> None:
-        raise NotImplementedError
+        """Use one scan."""
 
 
 class Slam(_Drive):
