@@ -368,7 +368,7 @@ class Exploration:
         """While it looks around."""
         if run.maps_at_last_heading is not None:
             if self._maps <= run.maps_at_last_heading + 1:  # one may have been on its way
-                return None
+                return self._missed_map(run)
             run.maps_at_last_heading = None
             run.explorer.note_look(self._surveyed(run, robot))
             self._drop_goal(run)
@@ -384,6 +384,14 @@ class Exploration:
             run.maps_at_last_heading = self._maps
             return None
         return self._look(run, robot, run.headings)
+
+    def _missed_map(self, run: _Run) -> Pose2D | None:
+        """While the map of what the robot has looked at is to come; the end if it never does."""
+        waited = run.elapsed - run.moved_s
+        if waited <= self._params.exploration.stuck_timeout:
+            return None
+        told = f"no map of what the robot has looked at has come for {waited:.0f} s"
+        return self._finish(End.STUCK, told)
 
     def _relocate(self, run: _Run, survey: Survey) -> Pose2D | None:
         """Go back to the nearest place at which the pose was well known."""

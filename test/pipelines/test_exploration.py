@@ -39,7 +39,7 @@ class Robot:
         self.pose = (*start, 0.0)
         self.seconds = 0
         self.goals = []
-        self.can_move = True
+        self.can_move = self.is_mapped = True
         self.map = self.looked_from = None
         iy, ix = np.indices(height.shape)
         away = np.hypot((ix + 0.5) * CELL - start[0], (iy + 0.5) * CELL - start[1])
@@ -65,8 +65,9 @@ class Robot:
         """A second."""
         self.seconds += 1
         self.hear()
-        self.show()
-        self.show()
+        if self.is_mapped:
+            self.show()
+            self.show()
         goal = self.exploration.advance(BEGIN + self.seconds * SECOND)
         if goal is not None:
             self.goals.append(goal)
@@ -173,6 +174,15 @@ def test_a_robot_that_does_not_move_is_stuck():
     robot.can_move = False
     assert robot.run(400) is End.STUCK
     assert "has not moved" in robot.exploration.reason
+
+
+def test_a_map_that_falls_silent_is_named():
+    robot = Robot(room(16.0, 6.0))
+    robot.exploration.start()
+    robot.until(State.LOOKING)
+    robot.is_mapped = False
+    assert robot.run(400) is End.STUCK
+    assert "no map" in robot.exploration.reason
 
 
 def test_a_start_without_any_way_out_is_stuck():
