@@ -57,6 +57,11 @@ def to_quaternion(pose: Matrix) -> Matrix:
     return np.asarray(Rotation.from_matrix(pose[..., :3, :3]).as_quat(), dtype=np.float64)
 
 
+def yaw(pose: Matrix) -> float:
+    """The yaw [rad] of one pose (4, 4), as of `to_xyz_rpy`."""
+    return float(np.arctan2(pose[1, 0], pose[0, 0]))
+
+
 def inverse(pose: Matrix) -> Matrix:
     """``T_b_a`` of ``T_a_b``."""
     rotation_inverse = np.swapaxes(pose[..., :3, :3], -1, -2)

@@ -56,6 +56,19 @@ def test_angles_round_trip(xyz_rpy):
 
 
 @given(poses)
+def test_yaw_is_that_of_the_angles(pose):
+    assert math.isclose(se3.yaw(pose), se3.to_xyz_rpy(pose)[5], abs_tol=1e-9)
+
+
+@given(poses, st.floats(-3, 3))
+def test_a_correction_shifts_a_pose_and_turns_it_on_the_spot(pose, yaw):
+    corrected = se3.correction_about(pose, (1.0, -2.0, 0.5), yaw) @ pose
+    np.testing.assert_allclose(corrected[:3, 3], pose[:3, 3] + (1.0, -2.0, 0.5), atol=1e-9)
+    turned = Rotation.from_euler("z", yaw) * Rotation.from_matrix(pose[:3, :3])
+    np.testing.assert_allclose(corrected[:3, :3], turned.as_matrix(), atol=1e-9)
+
+
+@given(poses)
 def test_quaternions_round_trip(pose):
     back = se3.from_quaternion(pose[:3, 3], se3.to_quaternion(pose))
     assert close(back, pose)

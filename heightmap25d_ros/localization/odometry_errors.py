@@ -70,9 +70,9 @@ class Motion(NamedTuple):
     ) -> Motion:
         """From one pose (4, 4) of the odometry to the next."""
         step = (T_map_odom @ (T_odom_base - T_odom_before))[:3, 3]
-        heading = _yaw(T_map_odom @ T_odom_before)
+        heading = se3.yaw(T_map_odom @ T_odom_before)
         forward = float(step[0] * np.cos(heading) + step[1] * np.sin(heading))
-        return cls(step, _yaw(T_odom_base @ se3.inverse(T_odom_before)), forward)
+        return cls(step, se3.yaw(T_odom_base @ se3.inverse(T_odom_before)), forward)
 
     def error(self, mean: Array) -> tuple[tuple[float, float, float], float]:
         """What errors (4,), as of `OdometryErrors`, add to it: a shift [m] and a yaw [rad]."""
@@ -87,7 +87,3 @@ def corrected(
     """The transform (4, 4) after a motion whose errors (4,) are taken out."""
     shift, yaw = Motion.between(T_map_odom, T_odom_before, T_odom_base).error(mean)
     return se3.correction_about(T_map_odom @ T_odom_base, shift, yaw) @ T_map_odom
-
-
-def _yaw(T: se3.Matrix) -> float:
-    return float(np.arctan2(T[1, 0], T[0, 0]))

@@ -91,7 +91,7 @@ class SmoothCorrection:
         current, wanted = self.T_map_odom @ T_odom_base, target @ T_odom_base
         shift = wanted[:3, 3] - current[:3, 3]
         between = target @ se3.inverse(self.T_map_odom)
-        yaw = float(np.arctan2(between[1, 0], between[0, 0]))
+        yaw = se3.yaw(between)
         distance = float(np.linalg.norm(shift))
         part = min(1.0, self._params.correction_speed * seconds / max(distance, 1e-12))
         turn = min(1.0, self._params.correction_turn * seconds / max(abs(yaw), 1e-12))

@@ -226,5 +226,5 @@ def distance_travelled(T_before: se3.Matrix, T_after: se3.Matrix) -> float:
     2.571
     """
     motion = se3.inverse(T_before) @ T_after
-    turn = abs(np.arctan2(motion[1, 0], motion[0, 0]))
+    turn = abs(se3.yaw(motion))
     return float(np.linalg.norm(motion[:3, 3]) + _RADIAN * turn)

@@ -193,7 +193,7 @@ class Localizer(SensorIntake[Attempt]):
         T_odom_base, T_map_odom = self._odometry.T, self._tracker.estimate.T_map_odom
         shift = ((T_map_odom - self._smooth.T_map_odom) @ T_odom_base)[:2, 3]
         between = T_map_odom @ se3.inverse(self._smooth.T_map_odom)
-        lag = np.array([*shift, np.arctan2(between[1, 0], between[0, 0])])
+        lag = np.array([*shift, se3.yaw(between)])
         return self._tracker.estimate.covariance + np.outer(lag, lag)
 
     def short_term_map(self) -> HeightMap | None:

@@ -127,5 +127,5 @@ def same_drift(first: Found, second: Found, T_map_base: se3.Matrix) -> bool:
     """Whether two searches have found the same drift, within what a submap may be off."""
     apart = second.drift @ se3.inverse(first.drift)
     moved = (apart - np.eye(4)) @ second.drift @ T_map_base[:, 3]
-    turn = abs(float(np.arctan2(apart[1, 0], apart[0, 0])))
+    turn = abs(se3.yaw(apart))
     return bool(np.hypot(moved[0], moved[1]) < _SAME_PLACE and turn < _SAME_YAW)

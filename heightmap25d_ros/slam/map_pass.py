@@ -98,5 +98,5 @@ class MapPass:
         assert self._estimate is not None
         apart = self._estimate.T_map_odom @ se3.inverse(T_map_odom)
         moved = ((apart - np.eye(4)) @ T_map_odom @ T_odom_base)[:2, 3]
-        turn = abs(float(np.arctan2(apart[1, 0], apart[0, 0])))
+        turn = abs(se3.yaw(apart))
         return float(np.hypot(*moved)) > _APART or turn > _APART_YAW

@@ -184,11 +184,8 @@ class OwnMapTracker:
         if not self.submaps:
             return np.asarray(_START)
         away = (self.T_map_base - self.submaps[-1].T_map_submap @ self.submaps[-1].start)[:2, 3]
-        lever = np.eye(3)
-        lever[0, 2], lever[1, 2] = -away[1], away[0]
-        return np.asarray(
-            lever @ self._covariance_begun @ lever.T + self._drift.covariance[:3, :3] + _START
-        )
+        begun = _carried(self._covariance_begun, away)
+        return np.asarray(begun + self._drift.covariance[:3, :3] + _START)
 
     def mend(self, T_map_odom: se3.Matrix) -> None:
         """Odometry has jumped: its frame is now at a pose (4, 4), and the robot where it was."""
@@ -236,9 +233,7 @@ class OwnMapTracker:
             submap = self.submaps[p.submap]
             start = submap.T_map_submap @ submap.start
             away = (submap.T_map_submap @ p.T_submap_odom @ p.T_odom_base - start)[:2, 3]
-            lever = np.eye(3)
-            lever[0, 2], lever[1, 2] = -away[1], away[0]
-            found.append(lever @ starts[p.submap] @ lever.T + p.covariance)
+            found.append(_carried(starts[p.submap], away) + p.covariance)
         return found
 
     def _move(self, T_odom_base: se3.Matrix) -> None:
@@ -469,7 +464,7 @@ class _Drift:
         """The robot moved by odometry."""
         params, errors = self._params, self._estimate.errors
         dx, dy = (self._estimate.T_map_odom @ (after - before))[:2, 3]
-        turn = abs(float(_yaw_between(before, after)))
+        turn = abs(se3.yaw(se3.inverse(before) @ after))
         distance = float(np.hypot(dx, dy))
         if self._travelled + distance > params.interval * 5:
             self._total = self._total + self._step()
@@ -496,9 +491,11 @@ class _Drift:
         return np.asarray(share @ self._noise)
 
 
-def _yaw_between(before: se3.Matrix, after: se3.Matrix) -> float:
-    motion = se3.inverse(before) @ after
-    return float(np.arctan2(motion[1, 0], motion[0, 0]))
+def _carried(covariance: Array, away: Array) -> Array:
+    """A covariance (3, 3) of x, y, yaw at one place, at another (2,) [m] away from it."""
+    lever = np.eye(3)
+    lever[0, 2], lever[1, 2] = -away[1], away[0]
+    return np.asarray(lever @ covariance @ lever.T)
 
 
 def _turned(covariance: Array, yaw: float) -> Array:
