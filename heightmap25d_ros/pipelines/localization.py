@@ -26,6 +26,7 @@ from heightmap25d_ros.localization.surface import Surface, surface_of
 from heightmap25d_ros.localization.tracker import Attempt, Tracker
 from heightmap25d_ros.localization.tracking_state import State
 from heightmap25d_ros.mapping import cloud, sensor_model
+from heightmap25d_ros.params import sources
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.odometry_gate import Jump
 from heightmap25d_ros.pipelines.scan_queue import Reading
@@ -329,7 +330,9 @@ class Localizer(SensorIntake[Attempt]):
     def _use(self, readings: list[Reading]) -> list[Attempt]:
         attempts = []
         for reading in readings:
-            self.watch.observe_ranges(reading.scan, self._params.sensor.no_return, self.dropped)
+            self.watch.observe_ranges(
+                reading.scan, sources.sensor_of(self._params, reading.topic).no_return, self.dropped
+            )
             beams = reading.beams(self._params)
             try:
                 attempt = self._tracker.integrate(
