@@ -66,7 +66,7 @@ WHEELS = np.array([(x, y) for x in (-0.25, 0.25) for y in (-0.28, 0.28)])
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, nargs="+", default=[1])
-    parser.add_argument("--mode", choices=("must", "may"), default="must")
+    parser.add_argument("--mode", choices=("must", "may"), default="may")
     parser.add_argument("--lidar", action="store_true", help="32 rings in place of the lasers")
     parser.add_argument("--lost", choices=("bottoms", "patches"), help="beams without return")
     parser.add_argument("--goals", action="store_true", help="goals of a whole drive, too")
