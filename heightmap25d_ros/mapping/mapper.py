@@ -25,9 +25,11 @@ from heightmap25d_ros.grid.height_map import (
     HEIGHT_RESOLUTION,
     stored_probability,
 )
+from heightmap25d_ros.grid.levels import BELIEF
 from heightmap25d_ros.kernels import inlined_kernel, kernel
 from heightmap25d_ros.mapping.cell_update import Likelihoods, Rule, hit, is_contradicted, miss
 from heightmap25d_ros.mapping.level_update import (
+    BELIEFS,
     CHANGED,
     SURPLUS,
     hit_surface,
@@ -228,7 +230,8 @@ def _integrate(  # noqa: PLR0913
         cell = np.uint64(tile * np.uint64(_TILE_CELLS) + np.uint64(iy % TILE * TILE + ix % TILE))
         before = _content(cell, heights, probabilities, candidate_heights, candidates)
         outcome = 0
-        if spans[2 * tile + 1] != 0 or _may_be_clear(before, z, rule):
+        has_upper = spans[2 * tile + 1] != 0 and _has_upper(cell, layers, rule)
+        if has_upper or _may_be_clear(before, z, rule):
             after, outcome = hit_surface(cell, tile, z, length, before, layers, hit_model, rule)
             surplus += outcome == SURPLUS
         else:
@@ -393,11 +396,12 @@ def _clear_tile(  # noqa: PLR0913
         if distance + middle * metres > end:
             beam_height += lacking
         cell = np.uint64(index)
-        is_met = heights[cell] >= beam_height or candidates[cell] > 0 or is_among
+        has_upper = is_among and _has_upper(cell, layers, rule)
+        is_met = heights[cell] >= beam_height or candidates[cell] > 0 or has_upper
         if is_met and left - entered > _FEW:
             before = _content(cell, heights, probabilities, candidate_heights, candidates)
             entry = beam_height - rule.clearing_margin + (left - entered) * half_fall
-            is_in_upper = is_among and is_in_the_way(cell, beam_height, entry, layers, rule)
+            is_in_upper = has_upper and is_in_the_way(cell, beam_height, entry, layers, rule)
             if (is_in_upper or is_contradicted(before, beam_height, rule)) and (
                 not rule.candidate or _may_judge(index, middle, x, y, judged, rule)
             ):
@@ -423,6 +427,16 @@ def _clear_tile(  # noqa: PLR0913
             index += y.step * TILE
             exit_y += across_y
     return is_lost
+
+
+@inlined_kernel
+def _has_upper(cell, layers, rule):
+    """Whether a cell has surfaces above the lowest one."""
+    beliefs, found = layers[1], False
+    step = len(beliefs) // rule.layers
+    for layer in range(rule.layers):
+        found |= beliefs[layer * step + np.int64(cell) * BELIEFS + BELIEF] >= rule.known
+    return found
 
 
 @inlined_kernel

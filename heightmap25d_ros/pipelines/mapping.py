@@ -173,7 +173,9 @@ class Mapping(SensorIntake[Reading]):
     def _use_grid(self, grid: HeightGrid) -> None:
         self.grid = grid
         self._layers = (
-            LocalizationLayers(grid) if self._params.mapping.localization_layers else None
+            LocalizationLayers(grid, grid.upper.count)
+            if self._params.mapping.localization_layers
+            else None
         )
         self._use_params()
 
