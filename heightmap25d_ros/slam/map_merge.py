@@ -118,17 +118,31 @@ def merge_maps(
 def _layers(
     maps: Sequence[RegisteredMap], poses: Sequence[se3.Matrix], geometry: Geometry
 ) -> LayerMap:
+    """The layers of all maps, those above decks by themselves."""
     to_corner = se3.inverse(_from_corner(np.eye(4), geometry))
-    evidence = [
-        _Evidence(m.height_map, m.layers, to_corner @ pose)
-        for m, pose in zip(maps, poses, strict=True) if m.layers is not None
-    ]  # fmt: skip
+    found: list[LayerMap] = []
+    while True:
+        evidence = [
+            _Evidence(m.height_map, of_level, to_corner @ pose)
+            for m, pose in zip(maps, poses, strict=True)
+            for of_level in _levels_of(m)[len(found) : len(found) + 1]
+        ]
+        if not evidence:
+            return replace(found[0], above=tuple(found[1:]))
+        found.append(_joined(evidence, geometry))
+
+
+def _levels_of(source: RegisteredMap) -> tuple[LayerMap, ...]:
+    return () if source.layers is None else (source.layers, *source.layers.above)
+
+
+def _joined(evidence: Sequence[_Evidence], geometry: Geometry) -> LayerMap:
     level, area = geometry.ground_zero, Area(0, 0, *geometry.shape)
     found = joined(evidence, area, geometry.resolution, level)
     dense = dict(zip(NAMES, found.layers, strict=True))
     is_ground = dense["ground_count"] > 0
     dense["ground_height"] = dense["ground_height"] + np.where(is_ground, np.float32(level), 0)
-    return LayerMap(geometry=geometry, **dense)
+    return LayerMap(geometry=geometry, above=(), **dense)
 
 
 def _from_corner(T: se3.Matrix, geometry: Geometry) -> se3.Matrix:

@@ -298,4 +298,4 @@ def layers_of_heights(height_map: HeightMap, cells: Surface) -> LayerMap:
     dense["ground_count"][is_ground] = _EVIDENCE
     dense["ground_height"][is_ground] = cells.heights[is_ground]
     dense["elevated_count"][cells.is_edge] = _EVIDENCE
-    return LayerMap(geometry=height_map.geometry, **dense)
+    return LayerMap(geometry=height_map.geometry, above=(), **dense)
