@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from heightmap25d_ros import memory, pose_interpolation, se3
+from heightmap25d_ros import memory, se3
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_grid import TILE, HeightGrid, anchor_at
@@ -29,6 +29,7 @@ from heightmap25d_ros.mapping import cloud, sensor_model
 from heightmap25d_ros.mapping.drop_offs import DropOffs
 from heightmap25d_ros.mapping.mapper import Mapper
 from heightmap25d_ros.params.sections import Params
+from heightmap25d_ros.pipelines import scan_queue
 from heightmap25d_ros.pipelines.scan_queue import Reading
 from heightmap25d_ros.pipelines.sensor_intake import SensorIntake
 from heightmap25d_ros.pipelines.silence import LOCALIZATION, Silence
@@ -51,7 +52,7 @@ def compile_kernels(params: Params) -> None:
 
     It takes seconds when nothing is cached: too long for a node whose messages queue up.
     """
-    pose_interpolation.compile_kernels()
+    scan_queue.compile_kernels()
     if params.intake.cloud_topics:
         cloud.compile_kernels()
     scratch = HeightGrid(replace(params.grid, extent=_SCRATCH_EXTENT), levels=params.levels)
@@ -381,6 +382,8 @@ class Mapping(SensorIntake[Reading]):
 
     def _known(self, readings: list[Reading]) -> list[Reading]:
         """The readings of a known pose in the map; the others are counted."""
+        if not readings:
+            return readings
         if self._is_lost:
             self.dropped.record("scan: localization is lost", count=len(readings))
             return []
