@@ -3,7 +3,7 @@
 """Beams of a scan in the map, from its ranges, the mount of the laser and the poses of the robot.
 
 `beams` decides which ranges are used, and whether a beam hits or only clears; `lone_returns` finds
-outliers among the returns.
+outliers among the returns, and `voids` beams of which none near by met the ground.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ from heightmap25d_ros import se3
 from heightmap25d_ros.kernels import inlined_kernel, kernel
 from heightmap25d_ros.mapping.scan import Scan
 from heightmap25d_ros.params.sections import SensorParams
+
+_VOID = 5  # neighbouring beams without return: fewer are dropouts of the laser
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,12 +35,19 @@ class Beams:
         only clears.
     is_lone : (N,) bool
         Whether no neighbouring beam supports the return: a mixed pixel, a phantom.
+    is_void : (N,) bool, optional
+        Whether the beam ends on the plane of base_link, where neither it nor its neighbours
+        returned anything, see `voids`; None: no such beam.
+    sensor : SensorParams, optional
+        The sensor that they are from; None: that of the mapper.
     """
 
     origins: NDArray[np.float64]
     ends: NDArray[np.float64]
     is_hit: NDArray[np.bool_]
     is_lone: NDArray[np.bool_]
+    is_void: NDArray[np.bool_] | None = None
+    sensor: SensorParams | None = None
 
 
 _CONVENTIONS = ("rep117", "zero", "range_max", "out_of_range")  # as numbers, for kernels
@@ -150,6 +159,31 @@ def _find_lone(ranges, is_return, distance, is_lone):
         is_lone[i] = is_informative and not is_supported
 
 
+def voids(is_ground_missed: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The beams in the middle of `_VOID` neighbours, none of which met the ground.
+
+    The ground is missing there, or swallows light, as water and black surfaces do.
+
+    Parameters
+    ----------
+    is_ground_missed : (N,) bool
+        Whether a beam returned nothing, though the ground that the robot stands on is within
+        reach.
+    """
+    is_void = np.zeros(len(is_ground_missed), bool)
+    _find_voids(is_ground_missed, is_void)
+    return is_void
+
+
+@kernel
+def _find_voids(is_ground_missed, is_void):
+    in_a_row = 0
+    for i in range(len(is_ground_missed)):
+        in_a_row = in_a_row + 1 if is_ground_missed[i] else 0
+        if in_a_row >= _VOID:
+            is_void[i - _VOID // 2] = True
+
+
 def stacked_poses(name: str, poses: ArrayLike, count: int) -> se3.Matrix:
     """(N, 4, 4) or (1, 4, 4): poses of so many beams.
 
@@ -203,12 +237,12 @@ def beams(
     >>> beams(scan, np.eye(4), se3.from_xyz_rpy([0.0, 0.0, 0.4, 0.0, 0.0, 0.0])).ends
     array([[2. , 0. , 0.4]])
     """
-    params = params or SensorParams()
+    sensor, params = params, params or SensorParams()
     count = len(scan.ranges)
     body = _NO_BODY
     if params.body_box:
         body = np.sort(np.reshape(params.body_box, (2, 3)), axis=0)
-    origins, ends, is_hit, is_lone = _beams(
+    origins, ends, is_hit, is_lone, is_void = _beams(
         scan.ranges, (scan.angle_min, scan.angle_increment),
         (max(scan.range_min, params.min_range), scan.range_max),
         _misses_of(scan, params.no_return),
@@ -217,7 +251,9 @@ def beams(
         (params.max_range, params.clearing_range, params.min_height, params.max_height),
         lone_return,
     )  # fmt: skip
-    return Beams(origins=origins, ends=ends, is_hit=is_hit, is_lone=is_lone)
+    return Beams(
+        origins=origins, ends=ends, is_hit=is_hit, is_lone=is_lone, is_void=is_void, sensor=sensor
+    )
 
 
 _NO_BODY = np.full((2, 3), np.inf)
@@ -231,20 +267,25 @@ def _beams(  # noqa: PLR0913
     count = len(stored)
     base_step, mount_step = min(len(T_map_base) - 1, 1), min(len(T_base_sensor) - 1, 1)
     max_range, clearing_range, min_height, max_height = limits
-    ranges, in_plane = np.empty(count), np.empty((count, 2))
-    is_return, is_lone = np.empty(count, np.bool_), np.zeros(count, np.bool_)
+    farthest = min(clearing_range, valid[1])
+    ranges, in_plane, to_ground = np.empty(count), np.empty((count, 2)), np.empty(count)
+    is_return, is_ground_missed = np.empty(count, np.bool_), np.empty(count, np.bool_)
+    is_lone, is_void = np.zeros(count, np.bool_), np.zeros(count, np.bool_)
     has_body = body[0, 0] < np.inf
     for i in range(count):
         is_miss = _is_miss(stored[i], misses)
         distance = np.inf if is_miss else np.float64(stored[i])
         angle = angles[0] + angles[1] * i
         in_plane[i, 0], in_plane[i, 1] = np.cos(angle), np.sin(angle)
+        mount = T_base_sensor[i * mount_step]
         is_valid = valid[0] <= distance <= valid[1] and distance > 0.0 and not is_miss
         if is_valid and has_body:
-            mount = T_base_sensor[i * mount_step]
             is_valid = not _is_in(body, mount, distance * in_plane[i, 0], distance * in_plane[i, 1])
         ranges[i], is_return[i] = distance, is_valid
+        to_ground[i] = _range_to_ground(mount, in_plane[i, 0], in_plane[i, 1])
+        is_ground_missed[i] = is_miss and to_ground[i] < farthest
     _find_lone(ranges, is_return, lone_return, is_lone)
+    _find_voids(is_ground_missed, is_void)
 
     origins, ends, is_hit = np.empty((count, 3)), np.empty((count, 3)), np.empty(count, np.bool_)
     used = 0
@@ -253,9 +294,7 @@ def _beams(  # noqa: PLR0913
             continue
         mount, base = T_base_sensor[i * mount_step], T_map_base[i * base_step]
         x, y = in_plane[i]
-        reach = min(ranges[i], max_range)
-        if not is_return[i]:
-            reach = min(clearing_range, valid[1], _range_to_ground(mount, x, y))
+        reach = min(ranges[i], max_range) if is_return[i] else min(farthest, to_ground[i])
         if not reach > 0.0:
             continue
         for axis in range(3):
@@ -267,9 +306,9 @@ def _beams(  # noqa: PLR0913
         above_base = ends[used, 2] - base[2, 3]
         is_in_window = min_height <= above_base <= max_height
         is_hit[used] = is_return[i] and ranges[i] <= max_range and is_in_window
-        is_lone[used] = is_lone[i]
+        is_lone[used], is_void[used] = is_lone[i], is_void[i]
         used += 1
-    return origins[:used], ends[:used], is_hit[:used], is_lone[:used]
+    return origins[:used], ends[:used], is_hit[:used], is_lone[:used], is_void[:used]
 
 
 @inlined_kernel
