@@ -40,7 +40,7 @@ _LEAST_COVARIANCE = np.diag(np.square([0.01, 0.01, 0.001]))  # nobody is surer o
 
 def compile_kernels(params: Params) -> None:
     """Compile, or load from numba's cache, all that the first registration or search needs."""
-    scan_queue.compile_kernels()
+    scan_queue.sample_reading().beams(params)
     if params.intake.cloud_topics:
         cloud.compile_kernels()
     surface = Surface(np.zeros((4, 4), np.float32), np.zeros((4, 4), bool), (0.0, 0.0), 1.0)

@@ -53,28 +53,11 @@ def compile_kernels(params: Params) -> None:
 
     It takes seconds when nothing is cached: too long for a node whose messages queue up.
     """
-    scan_queue.compile_kernels()
     if params.intake.cloud_topics:
         cloud.compile_kernels()
-    scratch = HeightGrid(replace(params.grid, extent=_SCRATCH_EXTENT), levels=params.levels)
-    beam = np.array([[0.0, 0.0, 1.0]])
-    Mapper(scratch, params.sensor, params.mapper).integrate(
-        sensor_model.Beams(
-            origins=beam, ends=beam + 1.0, is_hit=np.ones(1, bool), is_lone=np.zeros(1, bool)
-        )
-    )
-    LocalizationLayers(scratch).integrate(
-        sensor_model.Beams(
-            origins=beam, ends=beam, is_hit=np.ones(1, bool), is_lone=np.zeros(1, bool)
-        )
-    )
-    DropOffs(scratch, params.traversability, params.mapper.probability_threshold).integrate(
-        sensor_model.Beams(
-            origins=beam, ends=beam + 1.0, is_hit=np.ones(1, bool), is_lone=np.zeros(1, bool)
-        )
-    )
-    obstacles = ObstacleGrid(scratch.geometry, params.traversability)
-    obstacles.update(scratch, params.mapper.probability_threshold)
+    scratch = Mapping(replace(params, grid=replace(params.grid, extent=_SCRATCH_EXTENT)))
+    scratch.merge(scan_queue.sample_reading())
+    scratch.maps()
 
 
 _BYTES_OF_CELL = 4  # height and probability

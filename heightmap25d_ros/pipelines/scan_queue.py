@@ -70,8 +70,8 @@ class Reading:
         return sensor_model.beams(self.scan, *poses, sensor, lone_return)
 
 
-def compile_kernels() -> None:
-    """Compile, or load from numba's cache, all that a scan and its poses need until its beams."""
+def sample_reading() -> Reading:
+    """A scan and its poses through a queue; it compiles all that this needs, or loads it."""
     queue = ScanQueue(IntakeParams(scan_topics=("scan",), mounts=(0.0,) * 6))
     base_frame, readings = IntakeParams().base_frame, []
     for stamp_ns in range(0, 10**9, 10**8):
@@ -88,8 +88,7 @@ def compile_kernels() -> None:
             ranges=ranges,
         )
         readings += queue.add_scan("scan", scan)
-    readings[0].beams(Params())
-    InputWatch().observe_ranges(readings[0].scan, "rep117", Drops())
+    return readings[0]
 
 
 @dataclass(frozen=True, slots=True)
