@@ -287,7 +287,7 @@ class OwnMapTracker:
                 is_hit=beams.is_hit, is_lone=beams.is_lone,
             )  # fmt: skip
             if is_sure:
-                self.submaps[-1].integrate(placed)
+                self.submaps[-1].integrate(placed, self.distance)
             if self._is_recording:
                 self.placed.append(Placed(
                     waiting.stamp_ns, waiting.T_odom_base, len(self.submaps) - 1, T_submap_odom,
