@@ -10,6 +10,7 @@ is inside of walls, or behind them.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,8 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from heightmap25d_ros.grid.height_map import Cell
+from heightmap25d_ros.planning.graph import TransitionGraph
+from heightmap25d_ros.planning.level_graph import LevelGraph, Place
 from heightmap25d_ros.planning.search import STRAIGHT, cost_to_go, to_cell
 from heightmap25d_ros.planning.start_clearing import ClearedStart
 
@@ -42,16 +45,52 @@ def travel_costs(cleared: ClearedStart, start: Cell) -> NDArray[np.float64]:
         Of the robot.
     """
     graph = cleared.graph
-    costs = np.full(graph.geometry.shape, np.inf)
-    if graph.enterable[start]:
-        sources = [(0.0, start)]
+
+    def search(cell: Cell) -> NDArray[np.int32]:
+        return cost_to_go(graph.incoming, cell).dense()[None]
+
+    return np.asarray(_costs_from(cleared, Place(0, start), search, 1)[0])
+
+
+def travel_costs_over_levels(
+    levels: LevelGraph, graphs: Sequence[TransitionGraph], cleared: ClearedStart, start: Place
+) -> NDArray[np.float64]:
+    """(slices, rows, columns): as `travel_costs`, over all slices of a map with several levels.
+
+    Parameters
+    ----------
+    levels : LevelGraph
+    graphs : sequence of TransitionGraph
+        One a slice.
+    cleared : ClearedStart
+        In the slice of the start.
+    start : Place
+        Of the robot.
+    """
+    changed = list(graphs)
+    changed[start.slice] = cleared.graph
+
+    def search(cell: Cell) -> NDArray[np.int32]:
+        fields = levels.cost_to_go(Place(start.slice, cell), changed, np.inf)
+        return np.stack([field.dense() for field in fields])
+
+    return _costs_from(cleared, start, search, len(graphs))
+
+
+def _costs_from(
+    cleared: ClearedStart, start: Place, search: Callable[[Cell], NDArray[np.int32]], slices: int
+) -> NDArray[np.float64]:
+    """(slices, rows, columns): the least costs of searches from a start, or from its exits."""
+    costs = np.full((slices, *cleared.graph.geometry.shape), np.inf)
+    if cleared.graph.enterable[start.cell]:
+        sources = [(0.0, start.cell)]
     else:
         worth = cleared.costs + cleared.penalties
         sources = [(float(cleared.costs[n]), to_cell(cleared.exits[n])) for n in np.argsort(worth)]
     for cost, cell in sources:
         # From one exit the others that are connected with it are reached as well.
-        if graph.enterable[cell] and np.isinf(costs[cell]):
-            field = cost_to_go(graph.incoming, cell).dense()
+        if cleared.graph.enterable[cell] and np.isinf(costs[(start.slice, *cell)]):
+            field = search(cell)
             np.minimum(costs, np.where(field < 0, np.inf, cost + field / STRAIGHT), out=costs)
     return costs
 

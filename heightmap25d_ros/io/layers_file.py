@@ -18,24 +18,39 @@ from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_map import Geometry, HeightMap
 from heightmap25d_ros.input_files import require_file
 from heightmap25d_ros.io._untrusted import as_input_error
-from heightmap25d_ros.localization.layers import LayerMap
+from heightmap25d_ros.localization.layers import NAMES, LayerMap
 
 LAYERS = "localization_layers.npz"
 FORMAT_VERSION = 1
 """Of the layers; ``height_grid.npz`` has its own."""
 
-_ARRAYS = tuple(f.name for f in dataclasses.fields(LayerMap) if f.name != "geometry")
+WITH_LEVELS = 2
+"""The version of layers with some of surfaces above the lowest ones: ``above``, their number."""
+
+_MOST_LEVELS = 15  # above the lowest one
 _DIGEST = 64  # hexadecimal digits of SHA-256
 
 
 def write(path: Path, layers: LayerMap, height_grid: Path) -> None:
     """Write layers, with the SHA-256 of the height grid that they belong to."""
+    arrays: dict[str, Any] = {
+        _name(name, level): getattr(of_level, name)
+        for level, of_level in enumerate((layers, *layers.above))
+        for name in NAMES
+    }
+    if layers.above:
+        arrays["above"] = np.int64(len(layers.above))
     np.savez_compressed(
         path,
         height_grid_sha256=np.array(_sha256(height_grid)),
-        format_version=np.int64(FORMAT_VERSION),
-        **{name: getattr(layers, name) for name in _ARRAYS},
+        format_version=np.int64(WITH_LEVELS if layers.above else FORMAT_VERSION),
+        **arrays,
     )
+
+
+def _name(name: str, level: int) -> str:
+    """Of an array of the file."""
+    return f"{name}_{level}" if level else name
 
 
 def load(directory: Path, height_map: HeightMap) -> LayerMap | None:
@@ -59,26 +74,43 @@ def load(directory: Path, height_map: HeightMap) -> LayerMap | None:
     shape = height_map.geometry.shape
     with as_input_error(str(path)), zipfile.ZipFile(path) as archive:
         version = int(_read(archive, path, "format_version", "iu", ()))
-        if version != FORMAT_VERSION:
-            raise InputError(f"{path}: format_version is {version}, not {FORMAT_VERSION}")
+        if version not in (FORMAT_VERSION, WITH_LEVELS):
+            raise InputError(
+                f"{path}: format_version is {version}, not {FORMAT_VERSION} or {WITH_LEVELS}"
+            )
         digest = str(_read(archive, path, "height_grid_sha256", "U", ()))
         if digest != _sha256(directory / "height_grid.npz"):
             return None
-        dense = {name: _read(archive, path, name, "f", shape) for name in _ARRAYS}
-    return _checked(path, height_map.geometry, dense)
+        above = int(_read(archive, path, "above", "iu", ())) if version == WITH_LEVELS else 0
+        if not 0 <= above <= _MOST_LEVELS:
+            raise InputError(f"{path}: above is {above}, not 0 .. {_MOST_LEVELS}")
+        lowest, *upper = (
+            _checked(
+                path,
+                height_map.geometry,
+                {name: _read(archive, path, _name(name, level), "f", shape) for name in NAMES},
+                level,
+            )
+            for level in range(1 + above)
+        )
+    return dataclasses.replace(lowest, above=tuple(upper))
 
 
-def _checked(path: Path, geometry: Geometry, dense: dict[str, NDArray[Any]]) -> LayerMap:
+def _checked(
+    path: Path, geometry: Geometry, dense: dict[str, NDArray[Any]], level: int
+) -> LayerMap:
     limit = 0.5 * geometry.resolution * (1.0 + 1e-5)
     for name, values in dense.items():
         if not np.isfinite(values).all():
-            raise InputError(f"{path}: {name} holds values that are not finite")
+            raise InputError(f"{path}: {_name(name, level)} holds values that are not finite")
         if name.endswith(("_count", "_scatter", "_xx", "_yy")) and values.min() < 0.0:
-            raise InputError(f"{path}: {name} holds negative values")
+            raise InputError(f"{path}: {_name(name, level)} holds negative values")
         if name.endswith(("_x", "_y")) and np.abs(values).max() > limit:
-            raise InputError(f"{path}: {name} holds places outside of their cells")
+            raise InputError(f"{path}: {_name(name, level)} holds places outside of their cells")
     return LayerMap(
-        geometry=geometry, **{name: values.astype(np.float32) for name, values in dense.items()}
+        geometry=geometry,
+        above=(),
+        **{name: values.astype(np.float32) for name, values in dense.items()},
     )
 
 

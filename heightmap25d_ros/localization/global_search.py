@@ -273,7 +273,7 @@ class GlobalSearch:
     @property
     def _worst(self) -> float:
         """Score [m] up to which places are looked for at most."""
-        return _WORST * self._params.unknown * self._params.clip
+        return worst_score(self._params)
 
     def _memory(self) -> int:
         """Estimate [bytes] of what the search takes."""
@@ -310,14 +310,10 @@ class GlobalSearch:
         return min(found, key=self._cautious, default=None)
 
     def _cautious(self, candidate: Candidate) -> float:
-        """The score that a pose would have if what the map does not know there were not as seen."""
-        return candidate.score + (1.0 - candidate.known) * _UNSEEN * self._cost.clip
+        return cautious_score(candidate, self._params)
 
     def _limit(self, candidate: Candidate) -> float:
-        """Score up to which places are as good as a pose."""
-        score = self._cautious(candidate)
-        as_good = max(score / self._params.max_search_ratio, score + self._params.search_margin)
-        return min(as_good, self._worst)
+        return as_good_score(candidate, self._params)
 
     def _minima(self, leaves: NDArray[np.int32]) -> Array:
         """The best hypotheses (B, 4) in leaves (K, 4) that are not adjacent to one another."""
@@ -391,6 +387,23 @@ class GlobalSearch:
             ratio=best.score / fine[1].score if len(fine) > 1 else 0.0, points=count,
             candidates=as_good, is_complete=is_complete, nodes=self._nodes,
         )  # fmt: skip
+
+
+def worst_score(params: RegistrationParams) -> float:
+    """Score [m] up to which places are looked for at most."""
+    return _WORST * params.unknown * params.clip
+
+
+def cautious_score(candidate: Candidate, params: RegistrationParams) -> float:
+    """The score that a pose would have if what the map does not know there were not as seen."""
+    return candidate.score + (1.0 - candidate.known) * _UNSEEN * params.clip
+
+
+def as_good_score(candidate: Candidate, params: RegistrationParams) -> float:
+    """Score up to which places are as good as a pose."""
+    score = cautious_score(candidate, params)
+    as_good = max(score / params.max_search_ratio, score + params.search_margin)
+    return min(as_good, worst_score(params))
 
 
 def _of(registration: Registration, nodes: int = 0) -> SearchResult:

@@ -21,7 +21,7 @@ import numpy as np
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
-from heightmap25d_ros.localization.landmarks import Landmarks
+from heightmap25d_ros.localization.long_term_map import LongTermMap
 from heightmap25d_ros.localization.pose_filter import PoseFilter
 from heightmap25d_ros.localization.registration import Registration
 from heightmap25d_ros.localization.scan_filter import ScanFilter
@@ -32,6 +32,7 @@ _SHARE = 0.25  # of a new misfit in the average
 _LEAST_UPDATES = 4  # before one is dropped
 _UNSEEN = 0.5  # of the largest distance: mean distance of returns at a wrong place
 _SAME_PLACE, _SAME_YAW = 0.3, 0.1  # [m], [rad] between two that are one
+_SAME_LEVEL = 0.5  # [m] of height between these: levels are farther apart
 
 Estimate = PoseFilter | ScanFilter
 
@@ -110,14 +111,17 @@ class Hypotheses:
         for hypothesis in self._left:
             hypothesis.estimate.predict(T_odom_before, T_odom_base, distance)
 
-    def update(self, returns: Array, T_odom_base: se3.Matrix, landmarks: Landmarks) -> Registration:
-        """Hold all against the map, and drop those that it speaks against.
+    def update(
+        self, returns: Array, T_odom_base: se3.Matrix, long_term: LongTermMap
+    ) -> Registration:
+        """Hold each against the map's level that it is on; drop those that the map speaks against.
 
         Parameters
         ----------
         returns : (N, 3) float64 [m, odom]
         T_odom_base : (4, 4) float64
-        landmarks : Landmarks
+        long_term : LongTermMap
+            With landmarks.
 
         Returns
         -------
@@ -133,6 +137,8 @@ class Hypotheses:
         for hypothesis in self._left:
             if not isinstance(hypothesis.estimate, ScanFilter):
                 raise TypeError("estimates: only a ScanFilter is updated by scans")
+            landmarks = long_term.at(hypothesis.estimate.T_map_odom @ T_odom_base).landmarks
+            assert landmarks is not None
             found[id(hypothesis)] = hypothesis.estimate.prove(returns, T_odom_base, landmarks)
             hypothesis.take(found[id(hypothesis)])
         best = self.best
@@ -142,10 +148,10 @@ class Hypotheses:
         for hypothesis in sorted(self._left, key=lambda hypothesis: hypothesis.misfit):
             if hypothesis.least_misfit > most:
                 continue
-            x, y, _, _, _, yaw = se3.to_xyz_rpy(hypothesis.estimate.T_map_odom @ T_odom_base)
-            if not any(_is_same(np.array([x, y, yaw]), other) for other in at):
+            x, y, z, _, _, yaw = se3.to_xyz_rpy(hypothesis.estimate.T_map_odom @ T_odom_base)
+            if not any(_is_same(np.array([x, y, z, yaw]), other) for other in at):
                 kept.append(hypothesis)
-                at.append(np.array([x, y, yaw]))
+                at.append(np.array([x, y, z, yaw]))
         self._left = kept
         return found[id(kept[0] if kept else best)]
 
@@ -155,5 +161,6 @@ class Hypotheses:
 
 
 def _is_same(pose: Array, other: Array) -> bool:
-    x, y, yaw = pose - other
-    return bool(np.hypot(x, y) < _SAME_PLACE and abs(np.angle(np.exp(1j * yaw))) < _SAME_YAW)
+    x, y, z, yaw = pose - other
+    is_turned = abs(np.angle(np.exp(1j * yaw))) >= _SAME_YAW
+    return bool(np.hypot(x, y) < _SAME_PLACE and abs(z) < _SAME_LEVEL and not is_turned)

@@ -9,23 +9,36 @@ Which returns are of the ground can change as more is seen: each cell averages t
 lowest returns, and the places of those above. A return below the lowest ones starts them anew, and
 they become part of what stands above. Cells of which only a wall's face was seen are recognised by
 their surroundings, when the layers are read.
+
+Returns from above a deck of a bridge or a garage, of its ground and of what stands on it, are
+averaged by themselves. It is a deck where most cells around have a surface above the lowest one: a
+wall of which the lasers have seen parts one above the other is none.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from heightmap25d_ros.grid.height_grid import TILE, HeightGrid, TiledArray
-from heightmap25d_ros.grid.height_map import Area, Geometry
+from heightmap25d_ros.grid.height_map import (
+    HEIGHT_RESOLUTION,
+    PROBABILITY_THRESHOLD,
+    Area,
+    Geometry,
+    stored_probability,
+)
+from heightmap25d_ros.grid.levels import BELIEF, BOTTOM
 from heightmap25d_ros.kernels import inlined_kernel, kernel
 from heightmap25d_ros.mapping.sensor_model import Beams
 
 SLAB = 0.10
 """Above and below their mean [m] within which returns are a cell's lowest ones."""
 
+_AROUND = 3  # [cells] around a return that tell whether it is above a deck
+_OF_DECK = 18  # of these 49 cells, with a surface above the lowest one
 _LEVEL = 0.15  # [m] below the laser within which a return is level with it
 NAMES = (
     "ground_count", "level_count", "ground_height", "ground_scatter", "ground_x", "ground_y",
@@ -59,6 +72,8 @@ class LayerMap:
         Sums of the squared differences of places from their mean: of the elevated returns, or of
         the lowest ones where there are no others. On the face of a wall they are small across it,
         on the top of a box they are not.
+    above : tuple of LayerMap
+        The same of what was seen above decks, from below; it is in none of the arrays here.
     """
 
     geometry: Geometry
@@ -74,6 +89,7 @@ class LayerMap:
     spread_xx: NDArray[np.float32]
     spread_xy: NDArray[np.float32]
     spread_yy: NDArray[np.float32]
+    above: tuple[LayerMap, ...] = ()
 
 
 class LocalizationLayers:
@@ -82,38 +98,67 @@ class LocalizationLayers:
     Parameters
     ----------
     grid : HeightGrid
-        Whose cells they have.
+        Whose cells they have. Returns are integrated into it first.
+    upper : int, optional
+        Number of decks, one above the other, whose returns are averaged by themselves.
     """
 
-    def __init__(self, grid: HeightGrid) -> None:
-        self._geometry = grid.geometry
-        self._arrays = {
-            name: TiledArray(grid.tile_top.shape, np.float32) for name in NAMES
-        }  # fmt: skip
+    def __init__(self, grid: HeightGrid, upper: int = 0) -> None:
+        self._grid = grid
+        self._levels = [
+            {name: TiledArray(grid.tile_top.shape, np.float32) for name in NAMES}
+            for _ in range(1 + upper)
+        ]  # fmt: skip
 
     def integrate(self, beams: Beams) -> None:
         """Take in the returns of beams in the map that are not lone ones."""
-        _integrate(
-            beams.origins, beams.ends, beams.is_hit & ~beams.is_lone, self._geometry.origin,
-            self._geometry.resolution, *(self._arrays[name].cells for name in NAMES),
-        )  # fmt: skip
+        is_used = beams.is_hit & ~beams.is_lone
+        geometry = self._grid.geometry
+        rank = self._ranks(beams.ends)
+        for number, arrays in enumerate(self._levels):
+            is_here = is_used & (rank == number)
+            if is_here.any():
+                _integrate(
+                    beams.origins, beams.ends, is_here, geometry.origin, geometry.resolution,
+                    *(arrays[name].cells for name in NAMES),
+                )  # fmt: skip
+
+    def _ranks(self, ends: NDArray[np.float64]) -> NDArray[np.int64]:
+        """(N,): above how many decks returns are."""
+        rank = np.zeros(len(ends), np.int64)
+        if len(self._levels) > 1:
+            geometry, upper = self._grid.geometry, self._grid.upper
+            corner = *geometry.origin, geometry.ground_zero
+            known = stored_probability(PROBABILITY_THRESHOLD)
+            _find_ranks(
+                ends, corner, geometry.resolution, upper.heights, upper.beliefs, upper.tile_span,
+                known, rank,
+            )  # fmt: skip
+        return np.minimum(rank, len(self._levels) - 1)
 
     def read(self, area: Area) -> LayerMap:
         """Dense copy of an area."""
-        dense = {name: array.read(area) for name, array in self._arrays.items()}
-        return LayerMap(geometry=self._geometry.part(area), **dense)
+        lowest, *above = (
+            LayerMap(
+                geometry=self._grid.geometry.part(area),
+                above=(),
+                **{name: array.read(area) for name, array in arrays.items()},
+            )
+            for arrays in self._levels
+        )
+        while above and not above[-1].ground_count.any():
+            above.pop()
+        return replace(lowest, above=tuple(above))
 
     def write(self, layers: LayerMap) -> None:
         """Put dense layers in, replacing what is stored under them; same cells as the grid's."""
-        iy, ix = self._geometry.cell_at(
-            np.asarray(layers.geometry.origin) + 0.5 * self._geometry.resolution
-        )
-        area = Area(int(iy), int(ix), *layers.geometry.shape)
+        area = self._grid.area_of(layers.geometry)
         whole = _whole_tiles(area)
-        for name, array in self._arrays.items():
-            dense = array.read(whole)
-            dense[area.slices(whole)] = getattr(layers, name)
-            array.write(whole, dense)
+        for arrays, written in zip(self._levels, (layers, *layers.above), strict=False):
+            for name, array in arrays.items():
+                dense = array.read(whole)
+                dense[area.slices(whole)] = getattr(written, name)
+                array.write(whole, dense)
 
 
 def _whole_tiles(area: Area) -> Area:
@@ -121,6 +166,53 @@ def _whole_tiles(area: Area) -> Area:
     iy, ix = area.iy // TILE * TILE, area.ix // TILE * TILE
     rows = -(-(area.iy + area.rows) // TILE) * TILE - iy
     return Area(iy, ix, rows, -(-(area.ix + area.columns) // TILE) * TILE - ix)
+
+
+@kernel
+def _find_ranks(ends, corner, resolution, heights, beliefs, spans, known, ranks):
+    """Fill in above how many decks the ends (N, 3) of beams are."""
+    rows, columns = spans.shape[0] * TILE, spans.shape[1] * TILE
+    counts = np.empty(len(heights) + 1, np.int64)
+    for i in range(len(ends)):
+        u, v = (ends[i, 0] - corner[0]) / resolution, (ends[i, 1] - corner[1]) / resolution
+        if not (_AROUND <= u < columns - _AROUND and _AROUND <= v < rows - _AROUND):
+            continue
+        ix, iy = int(u), int(v)
+        if not _is_beside_upper(iy, ix, spans):
+            continue
+        z = (ends[i, 2] - corner[2]) / HEIGHT_RESOLUTION
+        counts[:] = 0
+        for y in range(iy - _AROUND, iy + _AROUND + 1):
+            for x in range(ix - _AROUND, ix + _AROUND + 1):
+                counts[_number_below(y, x, z, heights, beliefs, known)] += 1
+        so_many = 0
+        for rank in range(len(heights), 0, -1):
+            so_many += counts[rank]
+            if so_many >= _OF_DECK:
+                ranks[i] = rank
+                break
+
+
+@inlined_kernel
+def _is_beside_upper(iy, ix, spans):
+    """Whether a tile of the surroundings of a cell has upper surfaces."""
+    found = False
+    for y in (iy - _AROUND, iy + _AROUND):
+        for x in (ix - _AROUND, ix + _AROUND):
+            found |= spans[y // TILE, x // TILE, 1] != 0
+    return found
+
+
+@inlined_kernel
+def _number_below(y, x, z, heights, beliefs, known):
+    """How many upper surfaces of a cell are below a height [cm], or at it."""
+    ty, tx, row, column = y // TILE, x // TILE, y % TILE, x % TILE
+    number = 0
+    for layer in range(len(heights)):
+        if beliefs[layer, ty, tx, row, column, BELIEF] >= known:
+            bottom = heights[layer, ty, tx, row, column, BOTTOM]
+            number += z >= bottom - SLAB / HEIGHT_RESOLUTION
+    return number
 
 
 @kernel

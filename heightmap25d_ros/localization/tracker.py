@@ -18,9 +18,10 @@ import numpy as np
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
-from heightmap25d_ros.localization.global_search import GlobalSearch, SearchResult
+from heightmap25d_ros.localization.global_search import SearchResult
 from heightmap25d_ros.localization.hypotheses import Estimate, Hypotheses
-from heightmap25d_ros.localization.landmarks import Landmarks
+from heightmap25d_ros.localization.level_search import LevelSearch
+from heightmap25d_ros.localization.long_term_map import LongTermMap
 from heightmap25d_ros.localization.matching import RegistrationPoints
 from heightmap25d_ros.localization.odometry_errors import OdometryErrors, unknown_errors
 from heightmap25d_ros.localization.paper_registration import register_by_paper
@@ -103,7 +104,7 @@ class _View(NamedTuple):
 class _Search(NamedTuple):
     """A search that is under way, from a view that is past, and the prior of its points."""
 
-    search: GlobalSearch
+    search: LevelSearch
     view: _View
     T_map_odom: se3.Matrix
 
@@ -122,10 +123,8 @@ class Tracker:
 
     Attributes
     ----------
-    surface : Surface or None
-        The long-term map.
-    landmarks : Landmarks or None
-        Of the same map; with them scans are tracked.
+    long_term : LongTermMap or None
+        With landmarks scans are tracked.
     estimate : PoseFilter or ScanFilter
     health : Health
     jumps : int
@@ -152,7 +151,7 @@ class Tracker:
         covariance: Array,
         search_slice: float = np.inf,
     ) -> None:
-        self.surface: Surface | None = None
+        self.long_term: LongTermMap | None = None
         self.health = Health(params.localization)
         self.jumps = 0
         self.estimate: Estimate
@@ -162,7 +161,7 @@ class Tracker:
         self._errors = unknown_errors(params)
         self._T_odom_base: se3.Matrix | None = None
         self._is_search_wanted = False
-        self.landmarks: Landmarks | None = None
+        self._uses_scans = False
         self._window = ScanWindow(params.scan_filter)
         self.set_pose(T_map_odom, covariance)
 
@@ -172,19 +171,22 @@ class Tracker:
         self._short_term.params = params
         self._window.params = params.scan_filter
 
-    def set_long_term(self, surface: Surface | None, landmarks: Landmarks | None) -> None:
+    def set_long_term(self, long_term: LongTermMap | None) -> None:
         """Another long-term map; the pose stays."""
-        uses_scans = (
-            self._params.scan_filter.enabled and self._params.registration.method != "paper"
+        self.long_term = long_term
+        self._uses_scans = (
+            long_term is not None
+            and long_term.has_landmarks
+            and self._params.scan_filter.enabled
+            and self._params.registration.method != "paper"
         )
-        self.surface, self.landmarks = surface, landmarks if uses_scans else None
-        if self.landmarks is None and self._hypotheses is not None and len(self._hypotheses) > 1:
+        if not self._uses_scans and self._hypotheses is not None and len(self._hypotheses) > 1:
             self._hypotheses = None  # nothing tells them apart any more: they are searched anew
             self._search_distance = -np.inf
         self.estimate = self._estimate_at(self.estimate.T_map_odom, self.estimate.covariance)
 
     def _estimate_at(self, T_map_odom: se3.Matrix, covariance: Array) -> Estimate:
-        if self.landmarks is None:
+        if not self._uses_scans:
             return PoseFilter(self._params.localization, T_map_odom, covariance)
         return ScanFilter(self._params, T_map_odom, covariance, self._errors)
 
@@ -252,7 +254,7 @@ class Tracker:
 
     def _use_short_term_map(self, distance: float, stamp_ns: int) -> Attempt | None:
         """Register, search or confirm with the oldest short-term map, if that is due."""
-        if self.surface is None or not (self._is_registration_due() or self._is_search_due()):
+        if self.long_term is None or not (self._is_registration_due() or self._is_search_due()):
             return None
         short_term_map = self._short_term.mature()
         if short_term_map is None:
@@ -264,7 +266,9 @@ class Tracker:
         view = self._view(self.estimate, cells)
         if self._is_search_due():
             self._search_distance = distance
-            search = GlobalSearch(view.points, self.surface, self._params.registration)
+            assert self.long_term is not None
+            surfaces = [level.surface for level in self.long_term.levels]
+            search = LevelSearch(view.points, surfaces, self._params.registration)
             self._search = _Search(search, view, self.estimate.T_map_odom)
             if self.health.state is State.TRACKING:  # which somebody doubts
                 self.health.begin()
@@ -273,10 +277,11 @@ class Tracker:
 
     def _view(self, estimate: Estimate, cells: LocalCells) -> _View:
         """Cells of a short-term map, as they are for an estimate."""
-        assert self.surface is not None
+        assert self.long_term is not None
         assert self._T_odom_base is not None
         points = to_registration_points(cells, estimate.T_map_odom, self._T_odom_base)
-        return _View(self.surface, points, self._T_odom_base)
+        surface = self.long_term.at(estimate.T_map_odom @ self._T_odom_base).surface
+        return _View(surface, points, self._T_odom_base)
 
     def _attempt(self, kind: Kind, found: Registration, view: _View, stamp_ns: int) -> Attempt:
         return Attempt(
@@ -292,7 +297,7 @@ class Tracker:
     def _is_tracking_scans(self) -> bool:
         """Whether scans are held to the map."""
         return (
-            self.landmarks is not None
+            self._uses_scans
             and self.health.state is not State.LOST
             and self._search is None
             and self._hypotheses is None
@@ -302,31 +307,32 @@ class Tracker:
     def _track_scans(self, stamp_ns: int) -> Attempt | None:
         """Update by scans; an attempt once in an interval."""
         distance, T_odom_base = self._short_term.distance, self._T_odom_base
-        estimate, surface = self.estimate, self.surface
+        estimate = self.estimate
         if T_odom_base is None or not self._window.is_due(distance, stamp_ns):
             return None
         assert isinstance(estimate, ScanFilter)
-        assert self.landmarks is not None
-        assert surface is not None
+        assert self.long_term is not None
+        surface, landmarks = self.long_term.at(estimate.T_map_odom @ T_odom_base)
+        assert landmarks is not None
         prior = estimate.T_map_odom
         returns = self._window.take(distance, stamp_ns)
         if not self._is_settled:
-            estimate.settle(returns, T_odom_base, self.landmarks)
+            estimate.settle(returns, T_odom_base, landmarks)
             return None
-        found = estimate.update(returns, T_odom_base, self.landmarks)
+        found = estimate.update(returns, T_odom_base, landmarks)
         if found.reason not in CONTRADICTIONS:
             self._window.confirm()
         if distance - self._attempt_distance < self._params.localization.interval:
             return None
         self._attempt_distance = distance
-        points = returns_to_points(returns, prior, T_odom_base, self.landmarks)
+        points = returns_to_points(returns, prior, T_odom_base, landmarks)
         view = _View(surface, points, T_odom_base)
         if found.reason in CONTRADICTIONS or estimate.deviation[0] > COARSE:
             short_term_map = self._short_term.mature()
             if short_term_map is not None:
                 seen = short_term_map.local_cells(distance)
                 proposed = Proposal(estimate, found, T_odom_base, seen).proven(
-                    returns, surface, self.landmarks, self._params
+                    returns, surface, landmarks, self._params
                 )
                 if self._is_repeated(proposed, T_odom_base) and proposed is not None:
                     self.estimate, found, points = proposed
@@ -396,7 +402,7 @@ class Tracker:
         found = under_way.search.result
         self._search = None
         # Several are told apart by scans, where the map knows nearly all that the robot sees.
-        can_be_told = self.landmarks is not None and found.known >= _LEAST_KNOWN
+        can_be_told = self._uses_scans and found.known >= _LEAST_KNOWN
         most = _MOST_HYPOTHESES if can_be_told else 1
         is_one_right = found.is_accepted or found.reason is Reason.AMBIGUOUS
         if is_one_right and found.is_complete and len(found.candidates) <= most:
@@ -417,9 +423,9 @@ class Tracker:
         """Hold several hypotheses against scans, and one that is alone against short-term maps."""
         view = self._view(hypotheses.best.estimate, cells)
         if len(hypotheses) > 1:
-            assert self.landmarks is not None
+            assert self.long_term is not None
             returns = self._window.take(self._short_term.distance, stamp_ns)
-            found = hypotheses.update(returns, view.T_odom_base, self.landmarks)
+            found = hypotheses.update(returns, view.T_odom_base, self.long_term)
             self._refused = self._refused + 1 if found.reason in CONTRADICTIONS else 0
             if self._refused >= self._params.localization.degraded_refusals:
                 hypotheses.clear()  # not even the best one is right

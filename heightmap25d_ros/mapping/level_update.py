@@ -33,7 +33,10 @@ from heightmap25d_ros.mapping.cell_update import hit, is_contradicted, miss
 SURPLUS, KEPT, CHANGED = -1, 0, 1
 """What a return did: it needed a surface more than a cell holds; it changed no height, or one."""
 
-_HEIGHTS, _BELIEFS = 3, 2  # numbers of a surface in the arrays of `UpperLayers`
+BELIEFS = 2
+"""Probabilities of a surface in the arrays of `UpperLayers`."""
+
+_HEIGHTS = 3  # the heights of one
 _NONE, _LOWEST = -2, -1  # in place of a layer
 _FAR = np.int64(1 << 30)  # [cm]
 _TILE_CELLS = TILE * TILE
@@ -74,7 +77,7 @@ def hit_surface(cell, tile, z, distance, lowest, layers, model, rule):
         after = surface[0], surface[1], np.int64(0), np.int64(0)
     elif rise > rule.tolerance and underside - after[0] < rule.clear:
         after = _surface(cell, above, layers, rule)
-        beliefs[_at(cell, above, layers, rule) * _BELIEFS + BELIEF] = 0
+        beliefs[_at(cell, above, layers, rule) * BELIEFS + BELIEF] = 0
     is_changed = after[0] != surface[0] or rise != 0 or below == _NONE
     if below >= 0:
         bottom = _bottom(cell, below, layers, rule)
@@ -130,7 +133,7 @@ def miss_upper(cell, beam_height, entry, distance, layers, model, rule):
     for layer in range(rule.layers):
         if _is_over_bottom(cell, layer, entry, layers, rule):
             after = miss(_surface(cell, layer, layers, rule), beam_height, distance, model, rule)
-            at = _at(cell, layer, layers, rule) * _BELIEFS
+            at = _at(cell, layer, layers, rule) * BELIEFS
             beliefs[at + BELIEF], beliefs[at + CANDIDATE_BELIEF] = after[1], after[3]
             is_lost |= after[1] < rule.known
     return is_lost
@@ -181,7 +184,7 @@ def _is_over_bottom(cell, layer, entry, layers, rule):
 @kernel
 def _at(cell, layer, layers, rule):
     """The number of a surface in the arrays of `UpperLayers`."""
-    return layer * (layers[1].size // (_BELIEFS * rule.layers)) + np.int64(cell)
+    return layer * (layers[1].size // (BELIEFS * rule.layers)) + np.int64(cell)
 
 
 @kernel
@@ -190,9 +193,9 @@ def _surface(cell, layer, layers, rule):
     at = _at(cell, layer, layers, rule)
     return (
         np.int64(heights[at * _HEIGHTS + TOP]),
-        np.int64(beliefs[at * _BELIEFS + BELIEF]),
+        np.int64(beliefs[at * BELIEFS + BELIEF]),
         np.int64(heights[at * _HEIGHTS + CANDIDATE]),
-        np.int64(beliefs[at * _BELIEFS + CANDIDATE_BELIEF]),
+        np.int64(beliefs[at * BELIEFS + CANDIDATE_BELIEF]),
     )
 
 
@@ -223,8 +226,8 @@ def _store(cell, tile, layer, surface, bottom, layers, rule):
     at = _at(cell, layer, layers, rule)
     heights[at * _HEIGHTS + TOP], heights[at * _HEIGHTS + CANDIDATE] = surface[0], surface[2]
     heights[at * _HEIGHTS + BOTTOM] = bottom
-    beliefs[at * _BELIEFS + BELIEF] = surface[1]
-    beliefs[at * _BELIEFS + CANDIDATE_BELIEF] = surface[3]
+    beliefs[at * BELIEFS + BELIEF] = surface[1]
+    beliefs[at * BELIEFS + CANDIDATE_BELIEF] = surface[3]
     low, high = bottom + TOP_BIAS, _highest(surface) + TOP_BIAS
     is_first = spans[2 * tile + 1] == 0
     spans[2 * tile] = low if is_first else min(np.int64(spans[2 * tile]), low)

@@ -25,9 +25,11 @@ from heightmap25d_ros.grid.height_map import (
     HEIGHT_RESOLUTION,
     stored_probability,
 )
+from heightmap25d_ros.grid.levels import BELIEF
 from heightmap25d_ros.kernels import inlined_kernel, kernel
 from heightmap25d_ros.mapping.cell_update import Likelihoods, Rule, hit, is_contradicted, miss
 from heightmap25d_ros.mapping.level_update import (
+    BELIEFS,
     CHANGED,
     SURPLUS,
     hit_surface,
@@ -109,10 +111,6 @@ class Mapper:
         self.params = params
         self._sensor = sensor
         candidate = params.update_rule == "candidate"
-        hit_model = Likelihoods(sensor.hit_given_object, sensor.hit_given_empty, sensor.max_range)
-        miss_model = Likelihoods(
-            sensor.miss_given_object, sensor.miss_given_empty, sensor.max_range
-        )
         rule = Rule(
             candidate=candidate,
             tolerance=round(params.height_tolerance / HEIGHT_RESOLUTION),
@@ -144,11 +142,8 @@ class Mapper:
                 array.reshape(-1)
                 for array in (grid.upper.heights, grid.upper.beliefs, grid.upper.tile_span)
             ),
-            # Plain tuples: named ones cost numba three times as much, at each call.
-            tuple(hit_model),
-            tuple(miss_model),
-            tuple(rule),
         )
+        self._rule = tuple(rule)  # named ones cost numba three times as much, at each call
 
     def add_scan(self, scan: Scan, T_map_base: ArrayLike, T_base_sensor: ArrayLike) -> Integrated:
         """Merge a scan; its beams become those of `sensor_model.beams`.
@@ -180,9 +175,19 @@ class Mapper:
         if not beams.origins.shape == beams.ends.shape == (*flags[0], 3) == (*flags[1], 3):
             raise ValueError("beams: origins and ends need shape (N, 3), is_hit and is_lone (N,)")
         counts = _integrate(
-            beams.origins, beams.ends, beams.is_hit, beams.is_lone, *self._constants
-        )
+            beams.origins, beams.ends, beams.is_hit, beams.is_lone, *self._constants,
+            *_models(beams.sensor or self._sensor), self._rule,
+        )  # fmt: skip
         return Integrated(*counts)
+
+
+def _models(sensor: SensorParams) -> tuple[tuple[object, ...], tuple[object, ...]]:
+    """`Likelihoods` of hits and of misses, as plain tuples."""
+    end = sensor.max_range, sensor.error_growth == "quadratic"
+    return (
+        (sensor.hit_given_object, sensor.hit_given_empty, *end),
+        (sensor.miss_given_object, sensor.miss_given_empty, *end),
+    )
 
 
 @kernel
@@ -225,7 +230,8 @@ def _integrate(  # noqa: PLR0913
         cell = np.uint64(tile * np.uint64(_TILE_CELLS) + np.uint64(iy % TILE * TILE + ix % TILE))
         before = _content(cell, heights, probabilities, candidate_heights, candidates)
         outcome = 0
-        if spans[2 * tile + 1] != 0 or _may_be_clear(before, z, rule):
+        has_upper = spans[2 * tile + 1] != 0 and _has_upper(cell, layers, rule)
+        if has_upper or _may_be_clear(before, z, rule):
             after, outcome = hit_surface(cell, tile, z, length, before, layers, hit_model, rule)
             surplus += outcome == SURPLUS
         else:
@@ -390,11 +396,12 @@ def _clear_tile(  # noqa: PLR0913
         if distance + middle * metres > end:
             beam_height += lacking
         cell = np.uint64(index)
-        is_met = heights[cell] >= beam_height or candidates[cell] > 0 or is_among
+        has_upper = is_among and _has_upper(cell, layers, rule)
+        is_met = heights[cell] >= beam_height or candidates[cell] > 0 or has_upper
         if is_met and left - entered > _FEW:
             before = _content(cell, heights, probabilities, candidate_heights, candidates)
             entry = beam_height - rule.clearing_margin + (left - entered) * half_fall
-            is_in_upper = is_among and is_in_the_way(cell, beam_height, entry, layers, rule)
+            is_in_upper = has_upper and is_in_the_way(cell, beam_height, entry, layers, rule)
             if (is_in_upper or is_contradicted(before, beam_height, rule)) and (
                 not rule.candidate or _may_judge(index, middle, x, y, judged, rule)
             ):
@@ -420,6 +427,16 @@ def _clear_tile(  # noqa: PLR0913
             index += y.step * TILE
             exit_y += across_y
     return is_lost
+
+
+@inlined_kernel
+def _has_upper(cell, layers, rule):
+    """Whether a cell has surfaces above the lowest one."""
+    beliefs, found = layers[1], False
+    step = len(beliefs) // rule.layers
+    for layer in range(rule.layers):
+        found |= beliefs[layer * step + np.int64(cell) * BELIEFS + BELIEF] >= rule.known
+    return found
 
 
 @inlined_kernel

@@ -3,7 +3,7 @@
 """Beams of a scan in the map, from its ranges, the mount of the laser and the poses of the robot.
 
 `beams` decides which ranges are used, and whether a beam hits or only clears; `lone_returns` finds
-outliers among the returns.
+outliers among the returns, and `voids` beams of which none near by met the ground.
 """
 
 from __future__ import annotations
@@ -13,9 +13,12 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import minimum_filter1d
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.params.sections import SensorParams
+
+_VOID = 5  # neighbouring beams without return: fewer are dropouts of the laser
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,12 +82,19 @@ class Beams:
         only clears.
     is_lone : (N,) bool
         Whether no neighbouring beam supports the return: a mixed pixel, a phantom.
+    is_void : (N,) bool, optional
+        Whether the beam ends on the plane of base_link, where neither it nor its neighbours
+        returned anything, see `voids`; None: no such beam.
+    sensor : SensorParams, optional
+        The sensor that they are from; None: that of the mapper.
     """
 
     origins: NDArray[np.float64]
     ends: NDArray[np.float64]
     is_hit: NDArray[np.bool_]
     is_lone: NDArray[np.bool_]
+    is_void: NDArray[np.bool_] | None = None
+    sensor: SensorParams | None = None
 
 
 def no_returns(scan: Scan, convention: str) -> NDArray[np.bool_]:
@@ -139,6 +149,20 @@ def lone_returns(
         is_return & ~is_supported & (is_informative[:-2] | is_informative[2:])
     )
     return is_lone
+
+
+def voids(is_ground_missed: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The beams in the middle of `_VOID` neighbours, none of which met the ground.
+
+    The ground is missing there, or swallows light, as water and black surfaces do.
+
+    Parameters
+    ----------
+    is_ground_missed : (N,) bool
+        Whether a beam returned nothing, though the ground that the robot stands on is within
+        reach.
+    """
+    return np.asarray(minimum_filter1d(is_ground_missed, _VOID, mode="constant"))
 
 
 def _range_to_ground(
@@ -229,7 +253,7 @@ def beams(
     >>> beams(scan, np.eye(4), se3.from_xyz_rpy([0.0, 0.0, 0.4, 0.0, 0.0, 0.0])).ends
     array([[2. , 0. , 0.4]])
     """
-    params = params or SensorParams()
+    sensor, params = params, params or SensorParams()
     T_map_base = stacked_poses("T_map_base", T_map_base, len(scan.ranges))
     T_base_sensor = stacked_poses("T_base_sensor", T_base_sensor, len(scan.ranges))
     with np.errstate(invalid="ignore"):  # there are NaNs that signal when they are converted
@@ -243,9 +267,9 @@ def beams(
     if params.body_box:
         ends = np.where(is_return, ranges, 0.0)[:, None] * in_plane
         is_return &= ~_in_box(ends, T_base_sensor, np.reshape(params.body_box, (2, 3)))
-    cleared = np.minimum(
-        min(params.clearing_range, scan.range_max), _range_to_ground(in_plane, T_base_sensor)
-    )
+    to_ground = _range_to_ground(in_plane, T_base_sensor)
+    farthest = min(params.clearing_range, scan.range_max)
+    cleared = np.minimum(farthest, to_ground)
     reach = np.where(is_miss, cleared, np.minimum(ranges, params.max_range))
     used = (is_return | is_miss) & (reach > 0.0)
 
@@ -265,4 +289,6 @@ def beams(
         ends=ends,
         is_hit=is_hit,
         is_lone=lone_returns(ranges, is_return, lone_return)[used],
+        is_void=voids(is_miss & (to_ground < farthest))[used],
+        sensor=sensor,
     )

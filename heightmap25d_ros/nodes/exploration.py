@@ -16,7 +16,13 @@ from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
 from heightmap25d_msgs.action import Explore
-from heightmap25d_msgs.msg import ExplorationStatus, HeightGrid, LocalizationStatus, PlanStatus
+from heightmap25d_msgs.msg import (
+    ExplorationStatus,
+    HeightGrid,
+    LocalizationStatus,
+    PlanStatus,
+    UpperSurfaces,
+)
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.exploration.boundary import Boundary
 from heightmap25d_ros.exploration.explorer import Choice
@@ -48,14 +54,15 @@ class ExplorationNode(ManagedNode):
 
     NAME = "exploration"
     PARAMETERS = (
-        "exploration", "traversability", "planner", "mapping.map_frame", "intake.base_frame",
-        "intake.pose_source", "intake.odom_frame", "intake.odom_gap",
+        "exploration", "traversability", "levels", "planner", "mapping.map_frame",
+        "intake.base_frame", "intake.pose_source", "intake.odom_frame", "intake.odom_gap",
     )  # fmt: skip
 
     def inputs(self) -> list[Input]:
         """The map, the robot, and what planning and localization say."""
         exploration = self._exploration
         return [
+            Input(UpperSurfaces, "upper_surfaces", exploration.take_upper_surfaces, qos.LATCHED),
             Input(HeightGrid, "height_grid", exploration.take_map, qos.LATCHED, is_needed=True),
             *pose_inputs(
                 self.params.intake, exploration.take_odometry, self._on_transforms, self.flatness
@@ -167,6 +174,7 @@ class ExplorationNode(ManagedNode):
         message = PoseStamped()
         self._fill_header(message.header)
         message.pose.position.x, message.pose.position.y = goal.x, goal.y
+        message.pose.position.z = goal.z or 0.0  # which level
         half = (goal.yaw or 0.0) / 2.0
         message.pose.orientation.z, message.pose.orientation.w = math.sin(half), math.cos(half)
         self.publish("goal_pose", message)

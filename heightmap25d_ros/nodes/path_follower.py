@@ -11,7 +11,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, Twist, TwistStamped
 from nav_msgs.msg import Path
 from tf2_msgs.msg import TFMessage
 
-from heightmap25d_msgs.msg import HeightGrid, LocalizationStatus, PlanStatus
+from heightmap25d_msgs.msg import HeightGrid, LocalizationStatus, PlanStatus, UpperSurfaces
 from heightmap25d_ros.control.pure_pursuit import Velocity
 from heightmap25d_ros.io import encode
 from heightmap25d_ros.nodes import qos, runtime
@@ -35,8 +35,8 @@ class PathFollowerNode(ManagedNode):
 
     NAME = "path_follower"
     PARAMETERS = (
-        "path_follower", "traversability", "planner", "mapping.map_frame", "intake.base_frame",
-        "intake.pose_source", "intake.odom_frame", "intake.odom_gap",
+        "path_follower", "traversability", "levels", "planner", "mapping.map_frame",
+        "intake.base_frame", "intake.pose_source", "intake.odom_frame", "intake.odom_gap",
     )  # fmt: skip
 
     def inputs(self) -> list[Input]:
@@ -50,6 +50,7 @@ class PathFollowerNode(ManagedNode):
             Input(
                 PoseWithCovarianceStamped, "pose_correction", following.take_correction, qos.QUEUE
             ),
+            Input(UpperSurfaces, "upper_surfaces", following.take_upper_surfaces, qos.LATCHED),
             Input(HeightGrid, "height_grid", following.take_map, qos.LATCHED),
             Input(
                 LocalizationStatus, "localization/status", following.take_localization_status,

@@ -19,6 +19,7 @@ from heightmap25d_ros.io import decode
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.exploration_task import End, State, Task
+from heightmap25d_ros.pipelines.level_map import LevelMap
 from heightmap25d_ros.pipelines.map_frames import MapFrames
 from heightmap25d_ros.planning.plan import Pose2D, pose_2d
 
@@ -91,6 +92,7 @@ class Exploration:
         self.choice: Choice | None = None
         self._params = params
         self._frames = MapFrames(params, self.dropped)
+        self._levels = LevelMap(params.mapping.map_frame, self.dropped)
         self._map: HeightMap | None = None
         self._maps = 0  # so many have come
         self._known_cells = 0
@@ -176,8 +178,13 @@ class Exploration:
 
     def take_map(self, message: Any) -> None:
         """Take a heightmap25d_msgs/HeightGrid."""
-        frame = self._params.mapping.map_frame
-        height_map = self.dropped.decoded("map", lambda m: decode.height_map(m, frame), message)
+        height_map = self._levels.take_lowest(message)
+        if height_map is not None:
+            self.set_map(height_map)
+
+    def take_upper_surfaces(self, message: Any) -> None:
+        """Take a heightmap25d_msgs/UpperSurfaces: what is above the surfaces of the map."""
+        height_map = self._levels.take_upper(message)
         if height_map is not None:
             self.set_map(height_map)
 

@@ -18,14 +18,15 @@ from heightmap25d_ros.io import decode
 from heightmap25d_ros.io.decode import Odometry
 from heightmap25d_ros.localization import matching, registration, scan_update
 from heightmap25d_ros.localization.global_search import relocalize
-from heightmap25d_ros.localization.landmarks import Landmarks, landmarks_of
 from heightmap25d_ros.localization.layers import LayerMap
+from heightmap25d_ros.localization.long_term_map import LongTermMap
 from heightmap25d_ros.localization.pose_filter import SmoothCorrection
 from heightmap25d_ros.localization.short_term import ShortTermMaps
-from heightmap25d_ros.localization.surface import Surface, surface_of
+from heightmap25d_ros.localization.surface import Surface
 from heightmap25d_ros.localization.tracker import Attempt, Tracker
 from heightmap25d_ros.localization.tracking_state import State
 from heightmap25d_ros.mapping import cloud, sensor_model
+from heightmap25d_ros.params import sources
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.odometry_gate import Jump
 from heightmap25d_ros.pipelines.scan_queue import Reading
@@ -34,7 +35,6 @@ from heightmap25d_ros.pipelines.transform_buffer import JUMP_BACK_NS
 from heightmap25d_ros.slam.own_map_localization import OwnMapLocalization
 
 _LEAST_COVARIANCE = np.diag(np.square([0.01, 0.01, 0.001]))  # nobody is surer of a pose
-_AROUND = 2  # [cells] around a place that tell the height of the ground there
 
 
 def compile_kernels(params: Params) -> None:
@@ -107,8 +107,7 @@ class Localizer(SensorIntake[Attempt]):
     def __init__(self, params: Params | None = None, search_slice: float = np.inf) -> None:
         super().__init__(params or Params(), is_bridging=False)
         self._search_slice = search_slice
-        self._surface: Surface | None = None
-        self._landmarks: Landmarks | None = None
+        self._long_term: LongTermMap | None = None
         self._waiting_pose: tuple[Array, Array] | None = None
         self._told_pose: tuple[se3.Matrix, Array] | None = None
         self._begin()
@@ -126,7 +125,7 @@ class Localizer(SensorIntake[Attempt]):
             self._tracker = OwnMapLocalization(self._params, T_map_odom)
         else:
             self._tracker = Tracker(self._params, T_map_odom, covariance, self._search_slice)
-            self._tracker.set_long_term(self._surface, self._landmarks)
+            self._tracker.set_long_term(self._long_term)
         self._smooth = SmoothCorrection(self._params.localization, T_map_odom)
         self._jumps_seen = self._tracker.jumps
         self._odometry: Odometry | None = None
@@ -216,9 +215,8 @@ class Localizer(SensorIntake[Attempt]):
         """
         if isinstance(self._tracker, OwnMapLocalization):
             raise InputError("a robot with localization.own_map takes no long-term map")
-        self._surface = surface_of(height_map, self._params.registration.edge_step)
-        self._landmarks = None if layers is None else landmarks_of(height_map, layers)
-        self._tracker.set_long_term(self._surface, self._landmarks)
+        self._long_term = LongTermMap.of(height_map, layers, self._params)
+        self._tracker.set_long_term(self._long_term)
 
     def begin_at(self, xyz_yaw: ArrayLike) -> None:
         """Where the robot is at the first odometry: x, y, z [m], yaw [rad] in the map.
@@ -235,7 +233,7 @@ class Localizer(SensorIntake[Attempt]):
 
     def request_search(self) -> bool:
         """Search the whole map for the robot; whether there is one."""
-        if self._surface is None or isinstance(self._tracker, OwnMapLocalization):
+        if self._long_term is None or isinstance(self._tracker, OwnMapLocalization):
             return False
         self._tracker.request_search()
         return True
@@ -283,7 +281,8 @@ class Localizer(SensorIntake[Attempt]):
         covariance = (
             covariance + _LEAST_COVARIANCE if covariance.any() else self._initial_covariance
         )
-        self._waiting_pose = np.array([x, y, self._ground(x, y, z), yaw]), covariance
+        ground = z if self._long_term is None else self._long_term.ground_z(x, y, z)
+        self._waiting_pose = np.array([x, y, ground, yaw]), covariance
         if self._odometry is not None:
             self._set_pose(*self._waiting_pose)
 
@@ -305,18 +304,6 @@ class Localizer(SensorIntake[Attempt]):
         self._tracker.set_pose(turn, covariance)
         self._waiting_pose = None
 
-    def _ground(self, x: float, y: float, otherwise: float) -> float:
-        """Height [m] of the long-term map around a place."""
-        if self._surface is None:
-            return otherwise
-        left, low = self._surface.origin
-        ix, iy = (int(np.floor(d / self._surface.resolution)) for d in (x - left, y - low))
-        around = self._surface.heights[
-            max(iy - _AROUND, 0) : max(iy + _AROUND + 1, 0),
-            max(ix - _AROUND, 0) : max(ix + _AROUND + 1, 0),
-        ]
-        return otherwise if np.isnan(around).all() else float(np.nanmedian(around))
-
     def _mend_jump(self, jump: Jump) -> None:
         """Where odometry jumps, the robot has not: it stays where it was in the map."""
         self._odometry = jump.after
@@ -329,7 +316,9 @@ class Localizer(SensorIntake[Attempt]):
     def _use(self, readings: list[Reading]) -> list[Attempt]:
         attempts = []
         for reading in readings:
-            self.watch.observe_ranges(reading.scan, self._params.sensor.no_return, self.dropped)
+            self.watch.observe_ranges(
+                reading.scan, sources.sensor_of(self._params, reading.topic).no_return, self.dropped
+            )
             beams = reading.beams(self._params)
             try:
                 attempt = self._tracker.integrate(

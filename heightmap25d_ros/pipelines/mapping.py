@@ -28,6 +28,7 @@ from heightmap25d_ros.localization.layers import LayerMap, LocalizationLayers
 from heightmap25d_ros.mapping import cloud, sensor_model
 from heightmap25d_ros.mapping.drop_offs import DropOffs
 from heightmap25d_ros.mapping.mapper import Mapper
+from heightmap25d_ros.params import sources
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.scan_queue import Reading
 from heightmap25d_ros.pipelines.sensor_intake import SensorIntake
@@ -172,7 +173,9 @@ class Mapping(SensorIntake[Reading]):
     def _use_grid(self, grid: HeightGrid) -> None:
         self.grid = grid
         self._layers = (
-            LocalizationLayers(grid) if self._params.mapping.localization_layers else None
+            LocalizationLayers(grid, grid.upper.count)
+            if self._params.mapping.localization_layers
+            else None
         )
         self._use_params()
 
@@ -408,7 +411,9 @@ class Mapping(SensorIntake[Reading]):
             self._layers.integrate(beams)
         if self._drop_offs is not None:
             self._drop_offs.integrate(beams)
-        self.watch.observe_ranges(reading.scan, self._params.sensor.no_return, self.dropped)
+        self.watch.observe_ranges(
+            reading.scan, sources.sensor_of(self._params, reading.topic).no_return, self.dropped
+        )
         self.merged["scans"] += 1
         self.merged["returns"] += result.hits
         self.dropped.record("return: more than 327 m from ground zero", count=result.out_of_range)

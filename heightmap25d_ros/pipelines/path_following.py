@@ -23,10 +23,12 @@ from heightmap25d_ros.grid.height_map import Area, HeightMap
 from heightmap25d_ros.io import decode
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.drops import Drops
+from heightmap25d_ros.pipelines.level_map import LevelMap
 from heightmap25d_ros.pipelines.map_frames import MapFrames
 from heightmap25d_ros.pipelines.silence import LOCALIZATION, ODOMETRY, Silence
 from heightmap25d_ros.planning.plan import pose_2d
 from heightmap25d_ros.planning.planner import Planner
+from heightmap25d_ros.terrain.slices import LevelFollower, SurfaceStack
 
 MAP = "map"
 """A source that can fall silent, see `Silence`."""
@@ -70,6 +72,8 @@ class PathFollowing:
         self._is_lost = False
         self._plan_fault = ""
         self._follower: PathFollower | None = None
+        self._levels = LevelMap(params.mapping.map_frame, self.dropped)
+        self._level = LevelFollower()
         self._map: HeightMap | None = None
         self._local: _LocalTerrain | None = None
         self._stamp_ns: int | None = None
@@ -113,8 +117,13 @@ class PathFollowing:
 
     def take_map(self, message: Any) -> None:
         """Take a heightmap25d_msgs/HeightGrid."""
-        frame = self._params.mapping.map_frame
-        height_map = self.dropped.decoded("map", lambda m: decode.height_map(m, frame), message)
+        height_map = self._levels.take_lowest(message)
+        if height_map is not None:
+            self.set_map(height_map)
+
+    def take_upper_surfaces(self, message: Any) -> None:
+        """Take a heightmap25d_msgs/UpperSurfaces: what is above the surfaces of the map."""
+        height_map = self._levels.take_upper(message)
         if height_map is not None:
             self.set_map(height_map)
 
@@ -219,12 +228,26 @@ class PathFollowing:
         self._checked_ns = now
         if self._local is None or self._local.is_left(T):
             try:
-                self._local = _LocalTerrain(self._map, T, length + _MARGIN, self._params)
+                part = self._around(self._map, T, length + _MARGIN)
+                self._local = _LocalTerrain(part, T, self._params)
             except InputError as error:
                 return str(error)
         is_free = self._local.is_free(T, follower.ahead(length))
         self._blocked = "" if is_free else f"the next {length:g} m of the path are not free"
         return self._blocked
+
+    def _around(self, height_map: HeightMap, T: se3.Matrix, reach: float) -> HeightMap:
+        """The part of a map so far [m] around the robot, as it is for one on its level."""
+        geometry, params = height_map.geometry, self._params
+        iy, ix = geometry.cell_at(T[:2, 3])
+        cells = math.ceil(reach / geometry.resolution)
+        area = Area(int(iy), int(ix), 1, 1).grown(cells).within(Area(0, 0, *geometry.shape))
+        part = height_map.part(area if area.rows and area.columns else Area(0, 0, 1, 1))
+        if not len(height_map.upper):
+            return part
+        stack = SurfaceStack(part, params.levels, params.traversability)
+        surface = self._level.surface(stack, *T[:3, 3].tolist())
+        return (stack.lowest() if surface is None else stack.followed(surface)).height_map
 
 
 class _LocalTerrain:
@@ -232,21 +255,15 @@ class _LocalTerrain:
 
     Parameters
     ----------
-    height_map : HeightMap
+    part : HeightMap
+        With one surface in each cell.
     T : (4, 4) float64
         Of the robot in the map.
-    reach : float [m]
-        So far around the robot.
     params : Params
     """
 
-    def __init__(self, height_map: HeightMap, T: se3.Matrix, reach: float, params: Params) -> None:
-        resolution = height_map.geometry.resolution
-        iy, ix = height_map.geometry.cell_at(T[:2, 3])
-        whole = Area(0, 0, *height_map.geometry.shape)
-        cells = math.ceil(reach / resolution)
-        area = Area(int(iy), int(ix), 1, 1).grown(cells).within(whole)
-        part = height_map.part(area if area.rows and area.columns else Area(0, 0, 1, 1))
+    def __init__(self, part: HeightMap, T: se3.Matrix, params: Params) -> None:
+        resolution = part.geometry.resolution
         self._center = T[:2, 3].copy()
         self._radius = params.traversability.robot_radius
         self._planner = Planner.from_height_map(part, params.traversability, params.planner)

@@ -10,7 +10,7 @@ node and the command line make the same map from the same bag.
 from __future__ import annotations
 
 from bisect import insort
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any
@@ -24,6 +24,7 @@ from heightmap25d_ros.io.decode import Odometry, Transform
 from heightmap25d_ros.mapping import sensor_model
 from heightmap25d_ros.mapping.cloud import Cloud, cloud_beams
 from heightmap25d_ros.mapping.sensor_model import Beams, Scan
+from heightmap25d_ros.params import sources
 from heightmap25d_ros.params.sections import IntakeParams, OdometryParams, Params
 from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.input_watch import InputWatch
@@ -60,9 +61,11 @@ class Reading:
     def beams(self, params: Params) -> Beams:
         """Its beams in the map, see `sensor_model.beams` and `cloud_beams`."""
         poses, lone_return = (self.T_map_base, self.T_base_sensor), params.mapper.lone_return
+        sensor = sources.sensor_of(params, self.topic)
         if isinstance(self.scan, Cloud):
-            return cloud_beams(self.scan, *poses, params.sensor, params.cloud, lone_return)
-        return sensor_model.beams(self.scan, *poses, params.sensor, lone_return)
+            cloud = sources.cloud_of(params, self.topic)
+            return cloud_beams(self.scan, *poses, sensor, cloud, lone_return)
+        return sensor_model.beams(self.scan, *poses, sensor, lone_return)
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +109,8 @@ class ScanQueue:
         Where to count what is not used.
     odometry : OdometryParams, optional
         What is no motion of a robot but a jump of its odometry.
+    mounts : mapping of str to (6,) float [m, rad], optional
+        Topic -> x, y, z, roll, pitch, yaw, in place of those of the parameters and of /tf.
     is_bridging : bool
         Whether poses stay continuous where the odometry jumps; otherwise they are as it has them.
 
@@ -126,6 +131,7 @@ class ScanQueue:
         params: IntakeParams,
         dropped: Drops | None = None,
         odometry: OdometryParams | None = None,
+        mounts: Mapping[str, Sequence[float]] | None = None,
         *,
         is_bridging: bool = True,
     ) -> None:
@@ -140,11 +146,13 @@ class ScanQueue:
         )
         self._fixed_mounts: dict[str, se3.Matrix] = {}
         if params.mounts:
-            mounts = se3.from_xyz_rpy(np.reshape(params.mounts, (-1, 6)))
-            self._fixed_mounts |= dict(zip(params.scan_topics, mounts[:, None], strict=True))
+            poses = se3.from_xyz_rpy(np.reshape(params.mounts, (-1, 6)))
+            self._fixed_mounts |= dict(zip(params.scan_topics, poses[:, None], strict=True))
         if params.cloud_mounts:
-            mounts = se3.from_xyz_rpy(np.reshape(params.cloud_mounts, (-1, 6)))
-            self._fixed_mounts |= dict(zip(params.cloud_topics, mounts[:, None], strict=True))
+            poses = se3.from_xyz_rpy(np.reshape(params.cloud_mounts, (-1, 6)))
+            self._fixed_mounts |= dict(zip(params.cloud_topics, poses[:, None], strict=True))
+        for topic, mount in (mounts or {}).items():
+            self._fixed_mounts[topic] = se3.from_xyz_rpy(np.reshape(mount, (1, 6)))
         self.gate = OdometryGate(odometry or OdometryParams(), self.dropped)
         self._spikes = OdometrySpikes(odometry or OdometryParams(), self.dropped)
         self._repeated = RepeatedScans()

@@ -189,5 +189,5 @@ def _pose(place: Pose2D) -> se3.Matrix:
     yaw = place.yaw or 0.0
     T = np.eye(4)
     T[:2, :2] = [[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]]
-    T[:2, 3] = place.x, place.y
+    T[:3, 3] = place.x, place.y, place.z or 0.0
     return T

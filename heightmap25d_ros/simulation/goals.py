@@ -72,7 +72,9 @@ def choose(height: Array, seen: Mask, driven: Cells, z: Array, rng: np.random.Ge
     loose = _parts(narrow, height)
     is_same = np.zeros_like(seen)
     is_same[1:] = height[1:] == height[:-1]  # the same ground counts once
-    apart = seen & np.isfinite(height) & ~is_same & (loose != loose[tuple(driven[0])])
+    is_joined = loose == loose[tuple(driven[0])]
+    is_joined[:-1] |= is_same[1:] & is_joined[1:]  # beside an edge that it does not have above
+    apart = seen & np.isfinite(height) & ~is_same & ~is_joined
     reachable = _drawn(np.argwhere(seen & ~is_same & (parts == main)), rng)
     # Free cells first; cells beside and on obstacles if there are too few.
     unreachable = np.concatenate(

@@ -22,6 +22,7 @@ from heightmap25d_ros.kernels import inlined_kernel, kernel
 from heightmap25d_ros.localization.layers import NAMES, SLAB, LocalizationLayers, average
 from heightmap25d_ros.mapping.mapper import Mapper
 from heightmap25d_ros.mapping.sensor_model import Beams
+from heightmap25d_ros.params import sources
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.slam.sightings import Sightings
 
@@ -72,7 +73,7 @@ class Submap:
         resolution = params.grid.resolution
         anchor = anchor_at(T_map_base[:3, 3], resolution)
         self.level = anchor[2]
-        extent = 2.0 * (params.sensor.max_range + params.slam.submap_length + _MARGIN)
+        extent = 2.0 * (sources.max_range(params) + params.slam.submap_length + _MARGIN)
         self._grid: HeightGrid | None = HeightGrid(replace(params.grid, extent=extent), anchor)
         self._mapper = Mapper(self._grid, params.sensor, params.mapper)
         self._layers = LocalizationLayers(self._grid)

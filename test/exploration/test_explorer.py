@@ -3,10 +3,12 @@
 """Small worlds, explored to the end by a robot that sees along true lines of sight."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from explored_worlds import CELL, at, explore, seen
+from level_worlds import bridge_height, overpass
 
 from heightmap25d_ros.exploration.explorer import Explorer
 from heightmap25d_ros.grid.height_map import HeightMap
@@ -180,3 +182,29 @@ def test_a_robot_beyond_the_map_has_nowhere_to_go():
     survey = Explorer(Params()).survey(HeightMap.from_metres(room(5.0, 5.0)), Pose2D(99.0, 0.0))
     assert np.isinf(survey.costs).all()
     assert survey.covered_area == 0.0
+
+
+# Several levels
+
+
+def test_the_far_half_of_a_bridge_is_looked_for_from_the_bridge():
+    """The ground below it is known; that it ends there is not."""
+    whole = overpass()
+    seen = whole.upper.where(whole.upper.cell[:, 1] < round(6.0 / CELL))
+    shown = replace(whole, upper=seen)
+    values = {"traversability.max_slope": 0.6, "exploration.min_gain": 0.5}
+    explorer = Explorer(with_values(Params(), values))
+    robot = Pose2D(6.0, 1.0, yaw=0.0, z=0.0)
+    survey = explorer.survey(shown, robot)
+    goal = explorer.choose(survey).goal
+    assert goal is not None
+    assert goal.z == pytest.approx(float(bridge_height(goal.x)), abs=0.1)
+    assert goal.z > 1.0
+    on, under = (survey.cost_of(Pose2D(x, 5.0, z=z)) for x, z in ((5.1, 2.0), (6.0, 0.0)))
+    assert under + 2.0 < on < 30.0
+    assert 40.0 < survey.covered_area < 120.0
+    # On the bridge nothing more is to be seen: so it ends there.
+    there = replace(goal, yaw=0.0)
+    for _ in range(4):
+        explorer.note_look(explorer.survey(shown, there))
+    assert explorer.survey(shown, there).gain_of(there) == 0.0

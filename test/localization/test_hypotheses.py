@@ -10,11 +10,10 @@ from landmark_worlds import Wall, beams_to, ground_returns, mapped, wall_returns
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.localization.hypotheses import Hypotheses
-from heightmap25d_ros.localization.landmarks import landmarks_of
+from heightmap25d_ros.localization.long_term_map import LongTermMap
 from heightmap25d_ros.localization.odometry_errors import unknown_errors
 from heightmap25d_ros.localization.pose_filter import PoseFilter
 from heightmap25d_ros.localization.scan_filter import ScanFilter
-from heightmap25d_ros.localization.surface import surface_of
 from heightmap25d_ros.localization.tracker import Tracker
 from heightmap25d_ros.params.sections import LocalizationParams, Params
 
@@ -47,7 +46,7 @@ def mapped_rooms(*, is_second_known: bool = True, is_second_equal: bool = False)
 
 
 def rooms(**kinds: bool):
-    return landmarks_of(*mapped_rooms(**kinds))
+    return LongTermMap.of(*mapped_rooms(**kinds), PARAMS)
 
 
 def poses(*xs: float) -> list[ScanFilter]:
@@ -58,12 +57,12 @@ def poses(*xs: float) -> list[ScanFilter]:
     ]
 
 
-def held(hypotheses: Hypotheses, landmarks, updates: int, *, has_walls: bool) -> Hypotheses:
+def held(hypotheses: Hypotheses, long_term, updates: int, *, has_walls: bool) -> Hypotheses:
     """A robot at the middle of a room sees it again and again."""
     for k in range(updates):
         seen = returns_in(0.0, np.random.default_rng(10 + k), 800, has_walls=has_walls)
         if len(hypotheses):
-            hypotheses.update(seen, np.eye(4), landmarks)
+            hypotheses.update(seen, np.eye(4), long_term)
     return hypotheses
 
 
@@ -82,8 +81,8 @@ def test_walls_that_the_robot_does_not_see_do_not_speak_against_a_place():
 
 
 def test_places_that_are_equal_stay_side_by_side_however_long_it_takes():
-    landmarks = rooms(is_second_equal=True)
-    hypotheses = held(Hypotheses(poses(0.0, APART)), landmarks, 100, has_walls=True)
+    long_term = rooms(is_second_equal=True)
+    hypotheses = held(Hypotheses(poses(0.0, APART)), long_term, 100, has_walls=True)
     assert len(hypotheses) == 2
     assert hypotheses.weights[0] < 0.7
     assert sum(hypotheses.weights) == pytest.approx(1.0)
@@ -91,8 +90,8 @@ def test_places_that_are_equal_stay_side_by_side_however_long_it_takes():
 
 def test_what_the_map_does_not_know_drops_no_place():
     """Of the second room the map has a part, and all that it has is as the robot sees it."""
-    landmarks = rooms(is_second_known=False)
-    hypotheses = held(Hypotheses(poses(0.0, APART)), landmarks, 30, has_walls=True)
+    long_term = rooms(is_second_known=False)
+    hypotheses = held(Hypotheses(poses(0.0, APART)), long_term, 30, has_walls=True)
     assert len(hypotheses) == 2
     assert hypotheses.best.estimate.T_map_odom[0, 3] < 1.0
 
@@ -125,9 +124,8 @@ def test_only_scans_tell_several_apart():
 
 def test_a_map_without_landmarks_that_comes_meanwhile_begins_the_search_anew():
     height_map, layers = mapped_rooms(is_second_equal=True)
-    surface = surface_of(height_map, PARAMS.registration.edge_step)
     tracker = Tracker(PARAMS, np.eye(4), np.diag(np.square([0.3, 0.3, 0.1])))
-    tracker.set_long_term(surface, landmarks_of(height_map, layers))
+    tracker.set_long_term(LongTermMap.of(height_map, layers, PARAMS))
     tracker.request_search()
     weights = []
     for k in range(60):
@@ -138,6 +136,6 @@ def test_a_map_without_landmarks_that_comes_meanwhile_begins_the_search_anew():
         if attempt is not None:
             weights.append(len(attempt.weights))
             if weights[-1] == 2:
-                tracker.set_long_term(surface, None)
+                tracker.set_long_term(LongTermMap.of(height_map, None, PARAMS))
     assert 2 in weights
     assert weights[-1] == 0

@@ -124,7 +124,7 @@ def test_layers_of_another_height_grid_are_not_used(saved):
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("format_version", np.int64(2)),
+        ("format_version", np.int64(3)),
         ("ground_height", np.zeros((3, 3), np.float32)),
         ("elevated_x", "wide"),
         ("ground_count", None),

@@ -3,11 +3,13 @@
 """Messages in, velocities out: what halts the robot, and that it goes on."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from bag_writer import header, odometry, rosbags_type
+from level_worlds import overpass
 
 from heightmap25d_ros.control.pure_pursuit import STANDSTILL
 from heightmap25d_ros.grid.height_map import HeightMap
@@ -37,11 +39,11 @@ class Drive:
         self.following.set_path(LINE)
         self.ns = BEGIN
 
-    def stand(self, x=1.0, y=5.0, yaw=0.0, *, times=1):
+    def stand(self, x=1.0, y=5.0, yaw=0.0, *, z=0.0, times=1):
         """Be at a place for so many tenths of a second; the newest velocity."""
         for _ in range(times):
             self.ns += 100 * MS
-            pose = odometry(self.ns, (x, y, 0.0), type_of=rosbags_type)
+            pose = odometry(self.ns, (x, y, z), type_of=rosbags_type)
             pose.pose.pose.orientation.z = math.sin(yaw / 2)
             pose.pose.pose.orientation.w = math.cos(yaw / 2)
             velocity = self.following.take_odometry(pose)
@@ -181,3 +183,19 @@ def test_the_acceleration_is_that_of_a_tenth_of_a_second_after_a_gap():
     drive.stand()
     drive.ns += 400 * MS
     assert drive.stand().speed <= 0.08 + 0.08 + 1e-9
+
+
+def test_only_what_is_on_its_own_level_stands_in_the_way():
+    """A box on the road below a bridge, and none on the bridge."""
+    road = overpass()
+    height = road.height.copy()
+    height[38:42, 46:50] = 50
+    over, under = Drive(), Drive()
+    for drive in (over, under):
+        drive.following.set_map(replace(road, height=height))
+    assert over.stand(x=5.2, z=2.0, times=3).speed > 0.0
+    assert over.following.fault == ""
+    line = np.column_stack([np.full(41, 6.0), np.arange(3.0, 7.05, 0.1), np.full(41, np.pi / 2)])
+    under.following.set_path(line)
+    assert under.stand(x=6.0, y=3.9, yaw=np.pi / 2, times=3) == STANDSTILL
+    assert "not free" in under.following.fault
