@@ -10,6 +10,7 @@ SUMMARIES = {
     "map": "a map directory from bags",
     "localize": "the pose of a bag, held to a map",
     "slam": "a map directory from a bag whose poses drift",
+    "merge": "one map directory of several of one place",
     "plan": "a path over a map directory",
     "explain": "why a cell is occupied, dear or unknown",
     "convert": "the obstacle grid of a map anew",

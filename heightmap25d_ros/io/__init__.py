@@ -4,7 +4,7 @@
 
 `decode` and `encode` for messages, `point_cloud` for clouds, `explanations` for what is asked about
 a cell, `tf_bytes` for /tf, `bag` for rosbag2, `map_directory` (written in one step by
-`atomic_directory`), `layers_file`, `slam_file` and `trajectory` for files, `occupancy_map`,
-`point_files` and `geotiff` for those of others. What is not sound raises `InputError`, which names
-the file, topic or field.
+`atomic_directory`), `layers_file`, `slam_file` and `merge_file` (both `report_file`), and
+`trajectory` for files, `occupancy_map`, `point_files` and `geotiff` for those of others. What is
+not sound raises `InputError`, which names the file, topic or field.
 """

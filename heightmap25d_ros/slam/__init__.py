@@ -8,5 +8,6 @@ the `sightings` of their cells; `own_map` joins those around the robot for the s
 searches. `loop_closure` finds the robot in older submaps, and `pose_graph` moves all of them to
 where they agree.
 `own_map_localization` does all of this while the robot drives, `map_pass` holds a recorded drive
-against the finished map once more.
+against the finished map once more. `map_registration` finds a finished map in another one, and
+`map_merge` makes one of both.
 """
