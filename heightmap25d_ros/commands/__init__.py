@@ -18,7 +18,7 @@ SUMMARIES = {
     "evaluate": "a map directory against the truth",
     "info": "what is in a bag or a map directory",
     "view": "a map or a bag in 3-D (needs rerun)",
-    "import": "a map directory from a map of others",
+    "import": "a map directory from a map of others, a bag from clouds",
     "export": "a map as points (PLY, PCD) or as a GeoTIFF",
     "simulate": "a bag of a simulated drive, and its truth",
     "explore": "a simulated robot explores a world",

@@ -287,7 +287,7 @@ class OwnMapTracker:
                 ends=np.ascontiguousarray(se3.transform_points(T_submap_odom, beams.ends)),
             )
             if is_sure:
-                self.submaps[-1].integrate(placed)
+                self.submaps[-1].integrate(placed, self.distance)
             if self._is_recording:
                 self.placed.append(Placed(
                     waiting.stamp_ns, waiting.T_odom_base, len(self.submaps) - 1, T_submap_odom,

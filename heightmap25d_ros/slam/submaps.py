@@ -25,6 +25,7 @@ from heightmap25d_ros.mapping.mapper import Mapper
 from heightmap25d_ros.mapping.sensor_model import Beams
 from heightmap25d_ros.params import sources
 from heightmap25d_ros.params.sections import Params
+from heightmap25d_ros.slam.sightings import Sightings
 
 _MARGIN = 4.0  # [m] of a submap's grid beyond what its lasers reach from its last pose
 
@@ -104,18 +105,22 @@ class Submap:
         self._grid: HeightGrid | None = HeightGrid(replace(params.grid, extent=extent), anchor)
         self._mapper = Mapper(self._grid, params.sensor, params.mapper)
         self._layers = LocalizationLayers(self._grid)
+        self._sightings = Sightings(self._grid)
         self._cells: SubmapCells | None = None
+        self._confirmed = np.empty((0, 2), np.int64)
 
-    def integrate(self, beams: Beams) -> None:
-        """Take beams in, in the submap's frame."""
+    def integrate(self, beams: Beams, distance: float) -> None:
+        """Take beams in, in the submap's frame, a distance [m] after the drive began."""
         self._mapper.integrate(beams)
         self._layers.integrate(beams)
+        self._sightings.integrate(beams, distance)
         self._cells = None
 
     def finish(self) -> None:
         """Nothing more will be seen: only the cells are kept."""
         self._cells = self.cells()
-        del self._mapper, self._layers
+        self._confirmed = self.confirmed()
+        del self._mapper, self._layers, self._sightings
         self._grid = None
 
     def cells(self) -> SubmapCells:
@@ -129,6 +134,15 @@ class Submap:
             cells = cells_of(height_map, self._layers.read(area))
             self._cells = cells._replace(places=cells.places + (y, x))
         return self._cells
+
+    def confirmed(self) -> NDArray[np.int64]:
+        """(N, 2): the places, as of `SubmapCells`, that were seen again, see `sightings`."""
+        if self._grid is None:
+            return self._confirmed
+        area = self._grid.observed_area()
+        x, y = self._grid.geometry.part(area).origin
+        corner = np.rint(np.array([y, x]) / self._params.grid.resolution).astype(np.int64)
+        return np.argwhere(self._sightings.read(area)) + corner
 
     @property
     def pose(self) -> Array:
