@@ -111,7 +111,8 @@ def slam_drive(task: DriveTask) -> MappedDrive:
             "submaps_m": np.round(tracker.graph.poses[:, :2], 3).tolist(),
             "loops": [asdict(attempt) for attempt in tracker.attempts],
         },
-        notices=result.slam.noticed(), dropped=dict(result.slam.dropped),
+        notices=[*result.slam.noticed(), *result.mapping.dropped.notices],
+        dropped=dict(result.slam.dropped),
     )  # fmt: skip
 
 
