@@ -76,7 +76,7 @@ class DropOffs:
             (*grid.geometry.origin, grid.geometry.ground_zero), grid.geometry.resolution,
             grid.height.cells, grid.probability.cells, self._limits,
         )  # fmt: skip
-        for ty, tx in np.unique(marked, axis=0):
+        for ty, tx in set(map(tuple, marked.tolist())):
             grid.mark_changed(np.s_[ty : ty + 1, tx : tx + 1])
 
 
