@@ -3,6 +3,7 @@
 """How early drop-offs are closed, and how much ground is closed that is none.
 
 Usage: python studies/measure_drop_offs.py [--seeds N ...] [--mode must|may] [--lidar]
+    [--lost bottoms|patches]
 
 A true rim is a cell of the ground on which the robot drives (connected with its start by steps of
 at most max_step) with a neighbour that lies lower by more than that. The robot drives straight at
@@ -10,6 +11,10 @@ some of them, within 20 degrees, each time with an empty map, from 2.6 m before 
 before it; with the usual noise and true poses. There, a rim is in sight where a return has come
 from it. It is closed where a cell within two cells of it is suspected, or where the map shows the
 step. A suspected cell is wrong where no true rim above it is within the reach of a mark.
+
+Beams that return nothing: with ``--lost bottoms`` those that end more than `DEEP` below the rim do
+not, as from water; with ``--lost patches`` those do not that end in one of the discs of `PATCH`
+radius that cover a tenth of the ground, wherever they are: what is marked there is wrong as well.
 
 Goals: those that are found on the map of a whole drive, without and with suspected drop-offs.
 Markdown to the terminal.
@@ -52,6 +57,7 @@ APPROACHES = 12  # in each world
 AROUND = 2  # [cells] of a rim in which a mark closes it
 REACH = 2.0  # [m] of a mark beyond its rim
 DEEP = 0.2  # [m]
+PATCH, PATCHES_APART = 0.4, 2.25  # [m] radius of what swallows light, and of its grid
 HEADROOM = 1.0  # [m] above the robot's start below which the ground is looked for
 SIDES = [(0, 1), (1, 0), (1, 1), (1, -1)]
 WHEELS = np.array([(x, y) for x in (-0.25, 0.25) for y in (-0.28, 0.28)])
@@ -60,8 +66,9 @@ WHEELS = np.array([(x, y) for x in (-0.25, 0.25) for y in (-0.28, 0.28)])
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, nargs="+", default=[1])
-    parser.add_argument("--mode", choices=("must", "may"), default="must")
+    parser.add_argument("--mode", choices=("must", "may"), default="may")
     parser.add_argument("--lidar", action="store_true", help="32 rings in place of the lasers")
+    parser.add_argument("--lost", choices=("bottoms", "patches"), help="beams without return")
     parser.add_argument("--goals", action="store_true", help="goals of a whole drive, too")
     options = parser.parse_args()
     columns = [
@@ -72,7 +79,7 @@ def main() -> None:
     print("|---" * len(columns) + "|")
     for world in WORLDS:
         for seed in options.seeds:
-            row = approaches(world, seed, options.mode, options.lidar)
+            row = approaches(world, seed, options)
             goals = goals_found(world, seed, options.mode) if options.goals else ""
             print(f"| `{world}`, seed {seed} | {row} | {goals} |", flush=True)
 
@@ -91,12 +98,12 @@ def goals_found(world: str, seed: int, mode: str) -> str:
     return " -> ".join(found)
 
 
-def approaches(name: str, seed: int, mode: str, has_lidar: bool) -> str:
+def approaches(name: str, seed: int, options: argparse.Namespace) -> str:
     """A row of the table."""
     world = world_of(name, seed)
     scene = world.scene()
     origin, top = surface(scene, world.area)
-    terrain = TraversabilityParams(drop_offs=mode)
+    terrain = TraversabilityParams(drop_offs=options.mode)
     start = cell_of(np.zeros(2), origin)
     ground = connected(top, terrain.max_step, start)
     rims = ground & (ndimage.minimum_filter(top, 3) < top - terrain.max_step - 1e-6)
@@ -107,7 +114,7 @@ def approaches(name: str, seed: int, mode: str, has_lidar: bool) -> str:
     outcomes, marked, wrong = [], 0, 0
     for iy, ix, heading in chosen(top, ground, rims, origin, rng):
         rim = origin + RESOLUTION * (np.array([ix, iy]) + 0.5)
-        grid = approach(scene, rim, heading, top[iy, ix], terrain, has_lidar, rng)
+        grid = approach(scene, rim, heading, top[iy, ix], terrain, options, rng)
         first_y, first_x = (int(i) for i in grid.geometry.cell_at(origin + 0.5 * RESOLUTION))
         height_map = grid.read(area=Area(first_y, first_x, *top.shape))
         beside = np.s_[iy - AROUND : iy + AROUND + 1, ix - AROUND : ix + AROUND + 1]
@@ -186,11 +193,11 @@ def chosen(top, ground, rims, origin, rng):  # -> (iy, ix, heading [rad])
             yield int(iy), int(ix), float(heading)
 
 
-def approach(scene, rim, heading, height, terrain, has_lidar, rng) -> HeightGrid:
+def approach(scene, rim, heading, height, terrain, options, rng) -> HeightGrid:
     """The map of a drive at a rim (2,) [m], up to `NEAR`."""
     params, grid = Params(), HeightGrid()
     mapper, drop_offs = Mapper(grid), DropOffs(grid, terrain, params.mapper.probability_threshold)
-    sensors = [Lidar(rings=32)] if has_lidar else [LEVEL, DOWN]
+    sensors = [Lidar(rings=32)] if options.lidar else [LEVEL, DOWN]
     lone = params.mapper.lone_return
     below = height + HEADROOM
     for seconds in np.arange(0.0, (FROM - NEAR) / SPEED, 1.0 / sensors[0].rate):
@@ -200,6 +207,7 @@ def approach(scene, rim, heading, height, terrain, has_lidar, rng) -> HeightGrid
             poses = np.stack([standing(scene, rim, heading, below, s) for s in stages])
             T = interpolate(ns(stages), poses, ns(times))
             scan = take_scan(sensor, scene, seconds, T, RangeNoise(), rng)
+            scan.ranges[lost(scan.ends, height, options.lost)] = np.inf
             message = messages.scan(sensor, scan)
             mount = sensor.T_base_sensor(np.zeros(1))[0]
             if isinstance(sensor, Laser):
@@ -212,6 +220,15 @@ def approach(scene, rim, heading, height, terrain, has_lidar, rng) -> HeightGrid
             mapper.integrate(beams)
             drop_offs.integrate(beams)
     return grid
+
+
+def lost(ends: NDArray, height: float, what: str | None) -> NDArray[np.bool_]:
+    """Which of the true ends (N, 3) [m] of beams return nothing, at a rim of a height [m]."""
+    with np.errstate(invalid="ignore"):
+        if what == "bottoms":
+            return np.asarray(ends[:, 2] < height - DEEP)
+        from_middle = ends[:, :2] - PATCHES_APART * np.round(ends[:, :2] / PATCHES_APART)
+        return np.asarray((np.hypot(*from_middle.T) < PATCH) & (what == "patches"))
 
 
 def ns(seconds: NDArray) -> NDArray[np.int64]:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from heightmap25d_ros.commands.common import Figures, add_command, cell_counts, read_params
-from heightmap25d_ros.io import map_directory, slam_file
+from heightmap25d_ros.io import map_directory, merge_file, slam_file
 from heightmap25d_ros.io.bag import Bag
 from heightmap25d_ros.terrain.traversability import to_obstacle_map
 
@@ -53,7 +53,11 @@ def _info(options: argparse.Namespace) -> Figures:
 
 
 def _poses(directory: Path) -> Figures:
-    """Whether a map was made with known poses; otherwise how well they were found."""
+    """Whether a map was made with known poses, or how well they were found, and of what maps."""
+    merged = merge_file.load(directory)
+    if merged is not None:
+        maps = [dict(source) for source in merged["maps"]]
+        return {"poses": merged["poses"], "merged": {m.pop("map"): m for m in maps}}
     report = slam_file.load(directory)
     if report is None:
         return {"poses": "known"}

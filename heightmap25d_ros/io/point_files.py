@@ -39,7 +39,7 @@ def write(path: Path | str, height_map: HeightMap) -> int:
     """
     path = Path(path)
     if path.suffix not in SUFFIXES:
-        raise InputError(f"{path}: ends in none of {', '.join(SUFFIXES)}")
+        raise InputError(f"{path}: ends in none of {', '.join(SUFFIXES)}, .tif")
     made = points(height_map)
     header = _ply_header(len(made)) if path.suffix == ".ply" else _pcd_header(len(made))
     path.write_bytes(header.encode("ascii") + made.tobytes())

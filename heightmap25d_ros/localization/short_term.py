@@ -24,6 +24,7 @@ from heightmap25d_ros.localization import surface
 from heightmap25d_ros.localization.odometry_errors import corrected
 from heightmap25d_ros.mapping.mapper import Mapper
 from heightmap25d_ros.mapping.sensor_model import Beams
+from heightmap25d_ros.params import sources
 from heightmap25d_ros.params.sections import GridParams, LevelsParams, Params
 
 _RADIAN = 0.5  # [m] of travel equivalent to one radian of turning
@@ -72,7 +73,7 @@ class ShortTermMap:
         self._threshold = params.mapper.probability_threshold
         self._tolerance = round(params.mapper.height_tolerance / HEIGHT_RESOLUTION)
         self._edge_step = params.registration.edge_step
-        extent = 2.0 * (params.sensor.max_range + params.short_term.length)
+        extent = 2.0 * (sources.max_range(params) + params.short_term.length)
         grid = GridParams(resolution=params.grid.resolution, extent=extent)
         self._grid = HeightGrid(grid, levels=LevelsParams(max_surfaces=1))
         self._mapper = Mapper(self._grid, params.sensor, params.mapper)
@@ -88,14 +89,8 @@ class ShortTermMap:
         """Integrate beams, in odom, taken at a distance travelled [m]."""
         ends = se3.transform_points(self._T_start_odom, beams.ends) - self._start
         is_hit = beams.is_hit & ~beams.is_lone
-        self._mapper.integrate(
-            Beams(
-                origins=se3.transform_points(self._T_start_odom, beams.origins) - self._start,
-                ends=ends,
-                is_hit=beams.is_hit,
-                is_lone=beams.is_lone,
-            )
-        )
+        origins = se3.transform_points(self._T_start_odom, beams.origins) - self._start
+        self._mapper.integrate(replace(beams, origins=origins, ends=ends))
         geometry = self._grid.geometry
         _store_newest(
             ends, is_hit, distance - self.distance, self._grid.height.cells, geometry.origin,

@@ -19,11 +19,15 @@ from heightmap25d_ros.kernels import inlined_kernel
 
 
 class Likelihoods(NamedTuple):
-    """P(.|O) and P(.|not O) of a reading, each at range 0 and at ``max_range`` [m]."""
+    """P(.|O) and P(.|not O) of a reading, each at range 0 and at ``max_range`` [m].
+
+    In between they go with the range, or with its square.
+    """
 
     given_object: tuple[float, ...]
     given_empty: tuple[float, ...]
     max_range: float
+    is_quadratic: bool
 
 
 class Rule(NamedTuple):
@@ -51,6 +55,8 @@ class Rule(NamedTuple):
 def _likelihoods(distance, model):
     """P(.|O) and P(.|not O) of a reading at a distance [m]."""
     far = min(distance / model.max_range, 1.0)
+    if model.is_quadratic:
+        far *= far
     near_object, far_object = model.given_object
     near_empty, far_empty = model.given_empty
     return near_object + far * (far_object - near_object), near_empty + far * (

@@ -134,7 +134,7 @@ def cloud_beams(
     >>> cloud_beams(cloud, np.eye(4), se3.from_xyz_rpy([0.0, 0.0, 0.4, 0.0, 0.0, 0.0])).ends
     array([[2. , 0. , 0.4]])
     """
-    sensor, params = sensor or SensorParams(), params or CloudParams()
+    given, sensor, params = sensor, sensor or SensorParams(), params or CloudParams()
     count = len(cloud.points)
     offsets = np.zeros(0, np.int64) if cloud.offsets_ns is None else cloud.offsets_ns
     knots = len(cloud.beam_stamps_ns())
@@ -162,7 +162,7 @@ def cloud_beams(
         np.ascontiguousarray(np.broadcast_to(T_base_sensor, (knots, 4, 4))), body,
         (sensor.min_range, sensor.max_range, sensor.min_height, sensor.max_height),
     )  # fmt: skip
-    return Beams(origins=origins, ends=ends, is_hit=is_hit, is_lone=is_lone[source])
+    return Beams(origins=origins, ends=ends, is_hit=is_hit, is_lone=is_lone[source], sensor=given)
 
 
 def _usual_angle(cloud: Cloud, sequence: NDArray[np.int64], ranges: NDArray[np.float64]) -> float:

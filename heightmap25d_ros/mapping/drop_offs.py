@@ -6,6 +6,9 @@ A beam that passes over an edge and ends beyond it proves that the ground in bet
 Where no ground that the robot can drive on does, the cells behind the edge are marked: no slope
 from the edge on may be as steep as ``max_slope``, no step as high as ``max_step``.
 
+A beam that ends nowhere proves nothing: the ground is missing, or swallows light as water does. It
+tells of what may be a drop-off, where its neighbours do as well (`sensor_model.voids`).
+
 The mark stands in place of the height of a cell that is unknown (`SUSPECTED`), so that it goes
 wherever heights go, and is gone with the first return from the cell.
 """
@@ -15,6 +18,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from heightmap25d_ros.grid.height_grid import TILE, HeightGrid
 from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, SUSPECTED, stored_probability
@@ -26,8 +30,10 @@ _ONCE = SUSPECTED + 1  # in place of the height: one beam has told of a drop-off
 _STRIDE = 0.25  # [cells] between the places of a beam that are looked at
 _LONGEST_SHADOW = 48  # [cells] between an edge and where a beam ends
 _REACH = 16  # [cells] beyond an edge that are judged by it
+_NEAR = 5  # [cells] the same of what may be a drop-off: farther on most ground is a gentle slope
 _MARGIN = 1.0  # [cm] of noise that a drop exceeds its limit by
 _LEAST_SLOPE = 0.1  # of beams that tell of what may be a drop-off
+_BELOW = 8  # [cells] that a beam without return is followed beyond the ground that it missed
 
 
 class DropOffs:
@@ -38,7 +44,7 @@ class DropOffs:
     grid : HeightGrid
     params : TraversabilityParams
         ``drop_offs`` says whether a drop-off must be there: whether a slope that the robot could
-        drive down is no drop-off.
+        drive down, and ground that returns nothing, are no drop-offs.
     probability_threshold : float
         Cells below it are unknown.
     """
@@ -47,25 +53,44 @@ class DropOffs:
         self, grid: HeightGrid, params: TraversabilityParams, probability_threshold: float
     ) -> None:
         self._grid = grid
+        is_certain = params.drop_offs == "must"
+        self._uses_voids = not is_certain
         resolution = grid.geometry.resolution
-        steepest = math.tan(params.max_slope) if params.drop_offs == "must" else 0.0
+        steepest = math.tan(params.max_slope) if is_certain else 0.0
         self._limits = (
             params.max_step / HEIGHT_RESOLUTION + 1e-6,
             steepest * resolution / HEIGHT_RESOLUTION,
             max(steepest, _LEAST_SLOPE),
             stored_probability(probability_threshold),
+            _REACH if is_certain else _NEAR,
         )
 
     def integrate(self, beams: Beams) -> None:
         """Mark what beams tell of that were integrated into the grid before."""
         grid = self._grid
+        ends = beams.ends
+        if self._uses_voids and beams.is_void is not None and beams.is_void.any():
+            ends = _extended(beams.origins, ends, beams.is_void, _BELOW * grid.geometry.resolution)
         marked = _integrate(
-            beams.origins, beams.ends, beams.is_hit, beams.is_lone,
+            beams.origins, ends, beams.is_hit, beams.is_lone,
             (*grid.geometry.origin, grid.geometry.ground_zero), grid.geometry.resolution,
             grid.height.cells, grid.probability.cells, self._limits,
         )  # fmt: skip
-        for ty, tx in np.unique(marked, axis=0):
+        for ty, tx in set(map(tuple, marked.tolist())):
             grid.mark_changed(np.s_[ty : ty + 1, tx : tx + 1])
+
+
+def _extended(
+    origins: NDArray[np.float64],
+    ends: NDArray[np.float64],
+    is_extended: NDArray[np.bool_],
+    distance: float,
+) -> NDArray[np.float64]:
+    """Ends (N, 3) [m] of beams of which some are longer by a horizontal distance [m]."""
+    along = ends - origins
+    length = np.hypot(along[:, 0], along[:, 1])
+    share = np.where(is_extended & (length > 0.0), distance / np.maximum(length, 1e-9), 0.0)
+    return np.asarray(ends + share[:, None] * along)
 
 
 @kernel
@@ -157,10 +182,10 @@ def _is_ground(beam, edge, heights, probabilities, limits):
 @inlined_kernel
 def _proof(beam, edge, length, heights, limits):
     """Distance [cells] at which a beam is too far below an edge for any ground; 0: nowhere."""
-    max_step, steepest, _, _ = limits
+    max_step, steepest, _, _, reach = limits
     rim = np.float64(heights[_cell(beam, edge)])
     at = edge + _STRIDE
-    while at <= min(length, edge + _REACH):
+    while at <= min(length, edge + reach):
         drop = rim - (beam[2] + at * beam[5])
         if drop > max(max_step, steepest * (at - edge)) + _MARGIN:
             return at

@@ -38,7 +38,8 @@ from heightmap25d_ros.mapping.level_update import (
     miss_upper,
     update_span,
 )
-from heightmap25d_ros.mapping.sensor_model import Beams, Scan
+from heightmap25d_ros.mapping.scan import Scan
+from heightmap25d_ros.mapping.sensor_model import Beams
 from heightmap25d_ros.mapping.sensor_model import beams as beams_of
 from heightmap25d_ros.params.sections import MapperParams, SensorParams
 
@@ -111,10 +112,6 @@ class Mapper:
         self.params = params
         self._sensor = sensor
         candidate = params.update_rule == "candidate"
-        hit_model = Likelihoods(sensor.hit_given_object, sensor.hit_given_empty, sensor.max_range)
-        miss_model = Likelihoods(
-            sensor.miss_given_object, sensor.miss_given_empty, sensor.max_range
-        )
         rule = Rule(
             candidate=candidate,
             tolerance=round(params.height_tolerance / HEIGHT_RESOLUTION),
@@ -146,11 +143,8 @@ class Mapper:
                 array.reshape(-1)
                 for array in (grid.upper.heights, grid.upper.beliefs, grid.upper.tile_span)
             ),
-            # Plain tuples: named ones cost numba three times as much, at each call.
-            tuple(hit_model),
-            tuple(miss_model),
-            tuple(rule),
         )
+        self._rule = tuple(rule)  # named ones cost numba three times as much, at each call
 
     def add_scan(self, scan: Scan, T_map_base: ArrayLike, T_base_sensor: ArrayLike) -> Integrated:
         """Merge a scan; its beams become those of `sensor_model.beams`.
@@ -182,9 +176,19 @@ class Mapper:
         if not beams.origins.shape == beams.ends.shape == (*flags[0], 3) == (*flags[1], 3):
             raise ValueError("beams: origins and ends need shape (N, 3), is_hit and is_lone (N,)")
         counts = _integrate(
-            beams.origins, beams.ends, beams.is_hit, beams.is_lone, *self._constants
-        )
+            beams.origins, beams.ends, beams.is_hit, beams.is_lone, *self._constants,
+            *_models(beams.sensor or self._sensor), self._rule,
+        )  # fmt: skip
         return Integrated(*counts)
+
+
+def _models(sensor: SensorParams) -> tuple[tuple[object, ...], tuple[object, ...]]:
+    """`Likelihoods` of hits and of misses, as plain tuples."""
+    end = sensor.max_range, sensor.error_growth == "quadratic"
+    return (
+        (sensor.hit_given_object, sensor.hit_given_empty, *end),
+        (sensor.miss_given_object, sensor.miss_given_empty, *end),
+    )
 
 
 @kernel

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameters by their full names, ``section.name``, as ROS and parameter files have them.
 
+Those of single sources are ``section.source.name``, see `sources`.
+
 `flatten` lists them, `with_values` replaces some of them, `RENAMED` keeps the old names of
 parameters working, and `REMOVED` says what took the place of parameters that are gone.
 """
@@ -15,6 +17,7 @@ from collections.abc import Collection, Mapping
 from typing import Any
 
 from heightmap25d_ros.errors import InputError, quoted
+from heightmap25d_ros.params import sources
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.params.spec import Spec, Value, specs
 
@@ -26,15 +29,35 @@ REMOVED = {"localization.max_odom_step": "the limits of section odometry take it
 
 
 def flatten(params: Params) -> dict[str, tuple[Spec, Value]]:
-    """Full name -> spec and value, in order of definition."""
+    """Full name -> spec and value, in order of definition; then what is set for single sources."""
     found: dict[str, tuple[Spec, Value]] = {}
     for entry in dataclasses.fields(params):
         content = getattr(params, entry.name)
+        if entry.name == "sources":
+            continue
         if "spec" in entry.metadata:
             found[entry.name] = entry.metadata["spec"], content
         else:
             found |= {f"{entry.name}.{name}": (s, value) for name, s, value in specs(content)}
+    for source, values in params.sources.items():
+        for name, value in values.items():
+            section, _, key = name.partition(".")
+            full_name = f"{section}.{source}.{key}"
+            found[full_name] = _of_source(section, source)[full_name][0], value
     return found
+
+
+def _parts(name: str) -> tuple[str, str, str]:
+    """Section, source and key of a full name; what it does not have is empty."""
+    section, _, rest = name.partition(".")
+    source, _, key = rest.rpartition(".")
+    return section, source, key
+
+
+def _of_source(section: str, source: str) -> dict[str, tuple[Spec, Value]]:
+    """Full name -> spec and default of what may be set for one source."""
+    own = sources.SECTIONS[section]()
+    return {f"{section}.{source}.{name}": (spec, value) for name, spec, value in specs(own)}
 
 
 _LIVE = (
@@ -47,7 +70,8 @@ _LIVE = (
 
 def is_live(name: str) -> bool:
     """Whether the parameter can be changed while a node runs."""
-    return name.startswith(_LIVE)
+    section, source, key = _parts(name)
+    return (f"{section}.{key}" if source else name).startswith(_LIVE)
 
 
 def _convert(name: str, given: Any, default: Value, entries: type = float) -> Any:
@@ -137,18 +161,23 @@ def with_values(params: Params, values: Mapping[str, Any]) -> Params:
     for notice in notices:
         warnings.warn(notice, FutureWarning, stacklevel=2)
     changes: dict[str, Any] = {}
+    of_sources = {source: dict(values) for source, values in params.sources.items()}
     for name, given in _with_clouds_alone(present).items():
-        if name not in known:
-            raise InputError(unknown(name, known))
-        section, _, key = name.partition(".")
-        spec, before = known[name]
+        section, source, key = _parts(name)
+        entries = _of_source(section, source) if source and section in sources.SECTIONS else known
+        if name not in entries:
+            raise InputError(unknown(name, entries))
+        spec, before = entries[name]
         value = _convert(name, given, before, spec.entries)
-        if key:
+        if source:
+            of_sources.setdefault(source, {})[f"{section}.{key}"] = value
+        elif key:
             changes.setdefault(section, {})[key] = value
         else:
             changes[name] = value
-    return dataclasses.replace(
+    changed: Params = dataclasses.replace(
         params,
+        sources=of_sources,
         **{
             name: dataclasses.replace(getattr(params, name), **content)
             if isinstance(content, dict)
@@ -156,3 +185,5 @@ def with_values(params: Params, values: Mapping[str, Any]) -> Params:
             for name, content in changes.items()
         },
     )
+    sources.check(changed)
+    return changed

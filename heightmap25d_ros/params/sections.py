@@ -8,10 +8,11 @@ One frozen section for each class of the package that has parameters. `files` ge
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.params.spec import Section, parameter
+from heightmap25d_ros.params.spec import Section, Value, parameter
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,7 +29,8 @@ class GridParams(Section):
 class SensorParams(Section):
     """Which ranges are used, and the sensor model.
 
-    The four likelihoods are pairs, at range 0 and at ``max_range``, linear in between.
+    The four likelihoods are pairs, at range 0 and at ``max_range``. Every parameter may be set for
+    one source alone, see module `sources`.
     """
 
     min_range: float = parameter(
@@ -74,6 +76,12 @@ class SensorParams(Section):
         (0.70, 0.55), "P(miss|not O): likelihood that a beam passes an empty cell",
         low=0.01, high=0.99,
     )  # fmt: skip
+    error_growth: str = parameter(
+        "linear",
+        "how the likelihoods go from range 0 to max_range: linear; quadratic: with the square of "
+        "the range, as the error of a depth camera does",
+        choices=("linear", "quadratic"),
+    )
 
     def __post_init__(self) -> None:
         Section.__post_init__(self)
@@ -196,9 +204,9 @@ class TraversabilityParams(Section):
         low=0.001, high=10.0,
     )  # fmt: skip
     drop_offs: str = parameter(
-        "must",
-        "unknown cells behind an edge that are closed as suspected drop-offs: those whose ground "
-        "must be too low, those whose ground may be by a slope, or none",
+        "may",
+        "unknown cells behind an edge that are closed as suspected drop-offs until they are seen: "
+        "those whose ground must be too low to drive on, those too whose ground may be, or none",
         choices=("must", "may", "none"),
     )
     robot_radius: float = parameter(
@@ -322,7 +330,7 @@ class IntakeParams(Section):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CloudParams(Section):
-    """How many of the returns of a point cloud are used."""
+    """How many of the returns of a point cloud are used; may be set for one source alone."""
 
     step: int = parameter(
         1, "every so many points of a ring or row are used, of a cloud without these of all",
@@ -907,3 +915,5 @@ class Params:
     exploration: ExplorationParams = field(default_factory=ExplorationParams)
     path_follower: PathFollowerParams = field(default_factory=PathFollowerParams)
     simulator: SimulatorParams = field(default_factory=SimulatorParams)
+    sources: Mapping[str, Mapping[str, Value]] = field(default_factory=dict, hash=False)
+    """Source -> parameters (``sensor.max_range``) that differ for it, see module `sources`."""

@@ -21,6 +21,7 @@ from heightmap25d_ros.io.bag import (
     Bag,
     Event,
 )
+from heightmap25d_ros.io.message_bytes import READERS
 from heightmap25d_ros.params.by_name import with_values
 from heightmap25d_ros.params.sections import IntakeParams, Params
 from heightmap25d_ros.pipelines.robot_pose import TransformPoses
@@ -230,7 +231,7 @@ def replayed(
     with tqdm(
         total=total, unit=" messages", unit_scale=True, desc=bag.path.name, disable=None
     ) as progress:
-        for event in bag.events(topics, types, first_ns, stop_ns):
+        for event in bag.events(topics, types, first_ns, stop_ns, READERS):
             began = time.perf_counter()
             outcomes = _fed(pipeline, event, odom_topic, poses)
             yield Step(event.topic, 1e3 * (time.perf_counter() - began), outcomes)

@@ -10,7 +10,7 @@ node and the command line make the same map from the same bag.
 from __future__ import annotations
 
 from bisect import insort
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any
@@ -23,7 +23,9 @@ from heightmap25d_ros.io import decode, point_cloud
 from heightmap25d_ros.io.decode import Odometry, Transform
 from heightmap25d_ros.mapping import sensor_model
 from heightmap25d_ros.mapping.cloud import Cloud, cloud_beams
-from heightmap25d_ros.mapping.sensor_model import Beams, Scan
+from heightmap25d_ros.mapping.scan import Scan
+from heightmap25d_ros.mapping.sensor_model import Beams
+from heightmap25d_ros.params import sources
 from heightmap25d_ros.params.sections import IntakeParams, OdometryParams, Params
 from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.input_watch import InputWatch
@@ -34,6 +36,7 @@ from heightmap25d_ros.pipelines.repeated_scans import RepeatedScans
 from heightmap25d_ros.pipelines.robot_pose import robot_pose
 from heightmap25d_ros.pipelines.silence import ODOMETRY, Silence
 from heightmap25d_ros.pipelines.transform_buffer import JUMP_BACK_NS, Missing, TransformBuffer
+from heightmap25d_ros.pose_interpolation import span
 
 _MOST_FRAMES = 1000  # without mount that are remembered: each scan may name a new one
 
@@ -60,9 +63,32 @@ class Reading:
     def beams(self, params: Params) -> Beams:
         """Its beams in the map, see `sensor_model.beams` and `cloud_beams`."""
         poses, lone_return = (self.T_map_base, self.T_base_sensor), params.mapper.lone_return
+        sensor = sources.sensor_of(params, self.topic)
         if isinstance(self.scan, Cloud):
-            return cloud_beams(self.scan, *poses, params.sensor, params.cloud, lone_return)
-        return sensor_model.beams(self.scan, *poses, params.sensor, lone_return)
+            cloud = sources.cloud_of(params, self.topic)
+            return cloud_beams(self.scan, *poses, sensor, cloud, lone_return)
+        return sensor_model.beams(self.scan, *poses, sensor, lone_return)
+
+
+def sample_reading() -> Reading:
+    """A scan and its poses through a queue; it compiles all that this needs, or loads it."""
+    queue = ScanQueue(IntakeParams(scan_topics=("scan",), mounts=(0.0,) * 6))
+    base_frame, readings = IntakeParams().base_frame, []
+    for stamp_ns in range(0, 10**9, 10**8):
+        T = se3.from_quaternion([0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0])
+        readings += queue.add_odometry(
+            Odometry(stamp_ns=stamp_ns, frame_id="odom", child_frame_id=base_frame, T=T)
+        )
+        ranges = np.full(3, 1.0, np.float32)
+        scan = Scan(
+            stamp_ns=stamp_ns,
+            angle_min=0.0,
+            angle_increment=0.1,
+            time_increment=1e-3,
+            ranges=ranges,
+        )
+        readings += queue.add_scan("scan", scan)
+    return readings[0]
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +98,7 @@ class _Waiting:
     topic: str
     scan: Scan | Cloud
     beam_stamps_ns: NDArray[np.int64]
+    first_ns: int
     last_ns: int
 
     @property
@@ -106,6 +133,8 @@ class ScanQueue:
         Where to count what is not used.
     odometry : OdometryParams, optional
         What is no motion of a robot but a jump of its odometry.
+    mounts : mapping of str to (6,) float [m, rad], optional
+        Topic -> x, y, z, roll, pitch, yaw, in place of those of the parameters and of /tf.
     is_bridging : bool
         Whether poses stay continuous where the odometry jumps; otherwise they are as it has them.
 
@@ -126,6 +155,7 @@ class ScanQueue:
         params: IntakeParams,
         dropped: Drops | None = None,
         odometry: OdometryParams | None = None,
+        mounts: Mapping[str, Sequence[float]] | None = None,
         *,
         is_bridging: bool = True,
     ) -> None:
@@ -140,11 +170,13 @@ class ScanQueue:
         )
         self._fixed_mounts: dict[str, se3.Matrix] = {}
         if params.mounts:
-            mounts = se3.from_xyz_rpy(np.reshape(params.mounts, (-1, 6)))
-            self._fixed_mounts |= dict(zip(params.scan_topics, mounts[:, None], strict=True))
+            poses = se3.from_xyz_rpy(np.reshape(params.mounts, (-1, 6)))
+            self._fixed_mounts |= dict(zip(params.scan_topics, poses[:, None], strict=True))
         if params.cloud_mounts:
-            mounts = se3.from_xyz_rpy(np.reshape(params.cloud_mounts, (-1, 6)))
-            self._fixed_mounts |= dict(zip(params.cloud_topics, mounts[:, None], strict=True))
+            poses = se3.from_xyz_rpy(np.reshape(params.cloud_mounts, (-1, 6)))
+            self._fixed_mounts |= dict(zip(params.cloud_topics, poses[:, None], strict=True))
+        for topic, mount in (mounts or {}).items():
+            self._fixed_mounts[topic] = se3.from_xyz_rpy(np.reshape(mount, (1, 6)))
         self.gate = OdometryGate(odometry or OdometryParams(), self.dropped)
         self._spikes = OdometrySpikes(odometry or OdometryParams(), self.dropped)
         self._repeated = RepeatedScans()
@@ -186,15 +218,16 @@ class ScanQueue:
         """Add a scan of one of ``scan_topics``, or a cloud of one of ``cloud_topics``."""
         if topic not in self._params.source_topics:
             raise ValueError(f"{topic} is not one of the topics {self._params.source_topics}")
-        self.watch.observe_scan(topic, scan)
+        stamps = scan.beam_stamps_ns()
+        first_ns, last_ns = span(stamps)
+        self.watch.observe_scan(topic, scan, last_ns - first_ns)
         newest = self._newest_ns.get(topic, scan.stamp_ns)
         if scan.stamp_ns < newest - JUMP_BACK_NS:
             self._forget_waiting([topic], after_ns=scan.stamp_ns)
             newest = scan.stamp_ns
         self._newest_ns[topic] = max(newest, scan.stamp_ns)
 
-        stamps = scan.beam_stamps_ns()
-        waiting = _Waiting(topic, scan, stamps, int(stamps.max()))
+        waiting = _Waiting(topic, scan, stamps, first_ns, last_ns)
         released = self._released_ns.get(topic, -1)
         if scan.stamp_ns < released:
             self.dropped.record(f"{scan.KIND}: out of order")
@@ -321,7 +354,7 @@ class ScanQueue:
 
     def _reading(self, waiting: _Waiting) -> Reading | _LookupFailure:
         stamps, base_frame = waiting.beam_stamps_ns, self._params.base_frame
-        begin = int(stamps.min())
+        begin = waiting.first_ns
         if self.gate.is_torn(begin, waiting.last_ns):
             return _LookupFailure(Missing.TORN, "the odometry")
         T_odom_base = self._odometry.lookup(self._odom_frame, base_frame, stamps)
@@ -337,7 +370,7 @@ class ScanQueue:
         return Reading(
             topic=waiting.topic,
             scan=waiting.scan,
-            T_map_base=self.correction.T_map_odom(begin) @ T_odom_base,
+            T_map_base=se3.compose(self.correction.T_map_odom(begin)[None], T_odom_base),
             T_base_sensor=mount,
         )
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import Any, Generic, TypeVar
 
+from heightmap25d_ros.params import sources
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.input_watch import InputWatch
@@ -37,8 +38,11 @@ class SensorIntake(ABC, Generic[_Outcome]):
         self._params = params
         self.dropped = Drops()
         self._queue = ScanQueue(
-            params.intake, self.dropped, params.odometry, is_bridging=is_bridging
-        )
+            params.intake, self.dropped, params.odometry, sources.mounts(params),
+            is_bridging=is_bridging,
+        )  # fmt: skip
+        for notice in sources.without_topic(params):
+            self.dropped.notice(notice)
 
     @property
     def scan_topics(self) -> tuple[str, ...]:

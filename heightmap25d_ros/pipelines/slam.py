@@ -17,6 +17,7 @@ import numpy as np
 from heightmap25d_ros import se3
 from heightmap25d_ros.io.bag import Bag
 from heightmap25d_ros.localization.landmarks import Landmarks, landmarks_of
+from heightmap25d_ros.params import sources
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.mapping import Mapping
 from heightmap25d_ros.pipelines.replay import replayed
@@ -66,7 +67,9 @@ class Slam(_Drive):
         return readings
 
     def _integrate(self, reading: Reading) -> None:
-        self.watch.observe_ranges(reading.scan, self._params.sensor.no_return, self.dropped)
+        self.watch.observe_ranges(
+            reading.scan, sources.sensor_of(self._params, reading.topic).no_return, self.dropped
+        )
         beams = reading.beams(self._params)
         self.tracker.integrate(beams, reading.T_map_base[-1], reading.scan.stamp_ns)
 

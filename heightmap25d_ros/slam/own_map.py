@@ -7,6 +7,8 @@ Only the surroundings are joined, so that it costs the same however large the ma
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from heightmap25d_ros.arrays import Array
@@ -53,8 +55,22 @@ def surroundings(
 def landmarks_around(
     submaps: list[Submap], position: Array, reach: float, resolution: float
 ) -> Landmarks:
-    """Walls and ground of submaps around a position, see `surroundings`."""
-    return landmarks_of(*surroundings(submaps, position, reach, resolution))
+    """Walls and ground of submaps around a position, see `surroundings`.
+
+    Walls that were not seen again, see `sightings`, are none that a scan can be held to.
+    """
+    landmarks = landmarks_of(*surroundings(submaps, position, reach, resolution))
+    rows, columns = landmarks.wall_of.shape
+    is_confirmed = np.zeros((rows, columns), bool)
+    for submap in submaps:
+        xy = (submap.confirmed()[:, ::-1] + 0.5) * resolution
+        moved = xy @ submap.T_map_submap[:2, :2].T + submap.T_map_submap[:2, 3]
+        ix, iy = np.floor((moved - landmarks.origin) / resolution).astype(int).T
+        inside = (iy >= 0) & (iy < rows) & (ix >= 0) & (ix < columns)
+        is_confirmed[iy[inside], ix[inside]] = True
+    walls = landmarks.walls.copy()
+    walls[landmarks.wall_of[(landmarks.wall_of >= 0) & ~is_confirmed], 2:8] = np.nan
+    return replace(landmarks, walls=walls)
 
 
 def _nearest(submap: Submap, position: Array) -> Array:

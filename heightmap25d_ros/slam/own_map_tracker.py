@@ -12,7 +12,7 @@ robot (`loop_closure`).
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -281,13 +281,13 @@ class OwnMapTracker:
         is_sure = not self._is_contradicted or self.distance - self._agreed > _IN_DOUBT
         for waiting in self._waiting:
             beams = waiting.beams
-            placed = Beams(
+            placed = replace(
+                beams,
                 origins=np.ascontiguousarray(se3.transform_points(T_submap_odom, beams.origins)),
                 ends=np.ascontiguousarray(se3.transform_points(T_submap_odom, beams.ends)),
-                is_hit=beams.is_hit, is_lone=beams.is_lone,
-            )  # fmt: skip
+            )
             if is_sure:
-                self.submaps[-1].integrate(placed)
+                self.submaps[-1].integrate(placed, self.distance)
             if self._is_recording:
                 self.placed.append(Placed(
                     waiting.stamp_ns, waiting.T_odom_base, len(self.submaps) - 1, T_submap_odom,

@@ -8,8 +8,9 @@ joined give the cells of one map; a moved one is joined by the mean places of it
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +18,14 @@ from numpy.typing import NDArray
 from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.grid.height_grid import HeightGrid, anchor_at
-from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, Area
+from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, Area, HeightMap
 from heightmap25d_ros.kernels import inlined_kernel, kernel
-from heightmap25d_ros.localization.layers import NAMES, SLAB, LocalizationLayers, average
+from heightmap25d_ros.localization.layers import NAMES, SLAB, LayerMap, LocalizationLayers, average
 from heightmap25d_ros.mapping.mapper import Mapper
 from heightmap25d_ros.mapping.sensor_model import Beams
+from heightmap25d_ros.params import sources
 from heightmap25d_ros.params.sections import Params
+from heightmap25d_ros.slam.sightings import Sightings
 
 _MARGIN = 4.0  # [m] of a submap's grid beyond what its lasers reach from its last pose
 
@@ -43,6 +46,33 @@ class SubmapCells(NamedTuple):
     places: NDArray[np.int64]
     layers: NDArray[np.float32]
     top: NDArray[np.float32]
+
+
+def cells_of(height_map: HeightMap, layers: LayerMap) -> SubmapCells:
+    """The cells of a map with layers of the same cells, from its first row and column."""
+    is_seen = height_map.known | (layers.ground_count > 0)
+    top = height_map.height * np.float32(HEIGHT_RESOLUTION)
+    top[~height_map.known] = np.nan
+    stacked = np.stack([getattr(layers, name)[is_seen] for name in NAMES], axis=1)
+    is_ground = stacked[:, NAMES.index("ground_count")] > 0
+    level = np.float32(height_map.geometry.ground_zero)
+    stacked[:, NAMES.index("ground_height")] -= np.where(is_ground, level, 0)
+    return SubmapCells(np.argwhere(is_seen), stacked, top[is_seen])
+
+
+class RigidCells(Protocol):
+    """Cells that are somewhere in the map, as a whole."""
+
+    @property
+    def T_map_submap(self) -> se3.Matrix:
+        """Where they are (4, 4): shifted, and turned by a yaw."""
+
+    @property
+    def level(self) -> float:
+        """The z [m] of height 0, in their own frame."""
+
+    def cells(self) -> SubmapCells:
+        """The cells."""
 
 
 class Submap:
@@ -71,22 +101,26 @@ class Submap:
         resolution = params.grid.resolution
         anchor = anchor_at(T_map_base[:3, 3], resolution)
         self.level = anchor[2]
-        extent = 2.0 * (params.sensor.max_range + params.slam.submap_length + _MARGIN)
+        extent = 2.0 * (sources.max_range(params) + params.slam.submap_length + _MARGIN)
         self._grid: HeightGrid | None = HeightGrid(replace(params.grid, extent=extent), anchor)
         self._mapper = Mapper(self._grid, params.sensor, params.mapper)
         self._layers = LocalizationLayers(self._grid)
+        self._sightings = Sightings(self._grid)
         self._cells: SubmapCells | None = None
+        self._confirmed = np.empty((0, 2), np.int64)
 
-    def integrate(self, beams: Beams) -> None:
-        """Take beams in, in the submap's frame."""
+    def integrate(self, beams: Beams, distance: float) -> None:
+        """Take beams in, in the submap's frame, a distance [m] after the drive began."""
         self._mapper.integrate(beams)
         self._layers.integrate(beams)
+        self._sightings.integrate(beams, distance)
         self._cells = None
 
     def finish(self) -> None:
         """Nothing more will be seen: only the cells are kept."""
         self._cells = self.cells()
-        del self._mapper, self._layers
+        self._confirmed = self.confirmed()
+        del self._mapper, self._layers, self._sightings
         self._grid = None
 
     def cells(self) -> SubmapCells:
@@ -95,18 +129,20 @@ class Submap:
             assert self._grid is not None
             area = self._grid.observed_area()
             height_map = self._grid.read(self._params.mapper.probability_threshold, area)
-            layers = self._layers.read(area)
-            is_seen = height_map.known | (layers.ground_count > 0)
-            top = height_map.height * np.float32(HEIGHT_RESOLUTION)
-            top[~height_map.known] = np.nan
             resolution = self._params.grid.resolution
             x, y = np.rint(np.array(height_map.geometry.origin) / resolution).astype(np.int64)
-            stacked = np.stack([getattr(layers, name)[is_seen] for name in NAMES], axis=1)
-            heights = NAMES.index("ground_height")
-            is_ground = stacked[:, NAMES.index("ground_count")] > 0
-            stacked[:, heights] -= np.where(is_ground, np.float32(self.level), 0)
-            self._cells = SubmapCells(np.argwhere(is_seen) + (y, x), stacked, top[is_seen])
+            cells = cells_of(height_map, self._layers.read(area))
+            self._cells = cells._replace(places=cells.places + (y, x))
         return self._cells
+
+    def confirmed(self) -> NDArray[np.int64]:
+        """(N, 2): the places, as of `SubmapCells`, that were seen again, see `sightings`."""
+        if self._grid is None:
+            return self._confirmed
+        area = self._grid.observed_area()
+        x, y = self._grid.geometry.part(area).origin
+        corner = np.rint(np.array([y, x]) / self._params.grid.resolution).astype(np.int64)
+        return np.argwhere(self._sightings.read(area)) + corner
 
     @property
     def pose(self) -> Array:
@@ -149,12 +185,12 @@ class Joined(NamedTuple):
     top: NDArray[np.float32]
 
 
-def joined(submaps: list[Submap], area: Area, resolution: float, level: float) -> Joined:
+def joined(submaps: Sequence[RigidCells], area: Area, resolution: float, level: float) -> Joined:
     """Join submaps where they are now.
 
     Parameters
     ----------
-    submaps : list of Submap
+    submaps : sequence of RigidCells
     area : Area
         Of cells with corners at multiples of the resolution, as in `SubmapCells`.
     resolution : float [m]

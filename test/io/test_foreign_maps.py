@@ -4,6 +4,7 @@
 
 import json
 import math
+import sys
 
 import numpy as np
 import pytest
@@ -172,5 +173,14 @@ def test_points_of_all_known_cells(tmp_path, suffix, capsys):
     np.testing.assert_allclose(found["z"], [2500.0, 2500.25, 2498.5], atol=1e-9)
     assert (found["intensity"] == 1.0).all()
     assert main(["export", str(tmp_path / "map"), "-o", str(tmp_path / "points.obj")]) == 2
-    assert "points.obj: ends in none of .ply, .pcd" in capsys.readouterr().err
+    assert "points.obj: ends in none of .ply, .pcd, .tif" in capsys.readouterr().err
     assert point_files.SUFFIXES == (".ply", ".pcd")
+
+
+def test_without_rasterio_it_is_named(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "rasterio", None)
+    monkeypatch.delitem(sys.modules, "heightmap25d_ros.io.geotiff", raising=False)
+    assert main(["import", str(tmp_path / "dem.tif"), "-o", str(tmp_path / "map")]) == 2
+    assert capsys.readouterr().err == (
+        "heightmap25d: GeoTIFF needs rasterio: pip install -r requirements/geotiff.txt\n"
+    )

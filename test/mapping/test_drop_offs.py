@@ -18,7 +18,8 @@ from heightmap25d_ros.grid.height_map import SUSPECTED, Area, HeightMap
 from heightmap25d_ros.io import decode, encode, map_directory
 from heightmap25d_ros.mapping.drop_offs import DropOffs
 from heightmap25d_ros.mapping.mapper import Mapper
-from heightmap25d_ros.mapping.sensor_model import Scan, beams
+from heightmap25d_ros.mapping.scan import Scan
+from heightmap25d_ros.mapping.sensor_model import beams, voids
 from heightmap25d_ros.params.sections import MapperParams, PlannerParams, TraversabilityParams
 from heightmap25d_ros.planning.plan import Pose2D
 from heightmap25d_ros.planning.planner import Planner
@@ -32,6 +33,7 @@ RIM = 3.0
 STEP = 0.05  # [m] between scans
 
 PROFILES = {
+    "bottomless": ((-5.0, 0.0), (RIM, 0.0)),
     "cliff": ((-5.0, 0.0), (RIM, 0.0), (RIM, -2.0), (20.0, -2.0)),
     "ditch": ((-5.0, 0.0), (RIM, 0.0), (RIM, -0.6), (20.0, -0.6)),
     "stairs": ((-5, 0), (RIM, 0), (RIM, -0.3), (3.3, -0.3), (3.3, -0.6), (3.6, -0.6), (3.6, -0.9),
@@ -107,6 +109,23 @@ def test_what_may_be_a_drop_off_is_closed_where_that_is_asked_for():
     shallow = PROFILES["ditch"][:2] + ((RIM, -0.2), (20.0, -0.2))
     marked = [driven(shallow, 1.95, mode).read().suspected.sum() for mode in ("must", "may")]
     assert marked[0] < marked[1]
+
+
+@pytest.mark.parametrize("mode", ["must", "may"])
+def test_beams_that_end_nowhere_tell_of_what_may_be_a_drop_off(mode):
+    """They end in a pit, or on ground that swallows light: nobody can know."""
+    height_map = driven(PROFILES["bottomless"], RIM - 1.05, mode, noise=0.01).read()
+    assert height_map.suspected.any() == (mode == "may")
+    x = height_map.geometry.cell_center(np.argwhere(height_map.suspected))[:, 0]
+    assert (x >= RIM).all()
+    assert (x < RIM + 0.6).all()
+
+
+def test_single_beams_without_return_tell_of_none():
+    """Nor do a few side by side: a laser loses some of its beams."""
+    missed = np.zeros(40, bool)
+    missed[[3, 10, 11, 12, 13, *range(20, 26)]] = True
+    np.testing.assert_array_equal(np.flatnonzero(voids(missed)), [22, 23])
 
 
 @pytest.fixture(scope="module")

@@ -1,5 +1,7 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -66,6 +68,15 @@ def random_scan(rng, count, spread=6.0):
     short = rng.random(count) < 0.1
     ends[short] = origin + rng.uniform(0.1, 0.9, (short.sum(), 1)) * (ends[short] - origin)
     return beams(origin, ends, rng.random(count) < 0.9, rng.random(count) < 0.1)
+
+
+@pytest.mark.parametrize(("growth", "share"), [("linear", 0.5), ("quadratic", 0.25)])
+def test_the_belief_of_a_return_falls_with_the_range_or_with_its_square(growth, share):
+    """Half of max_range away; the sensor of the beams goes before that of the mapper."""
+    m = mapper()
+    sensor = SensorParams(max_range=8.0, hit_given_object=(0.9, 0.5), error_growth=growth)
+    m.integrate(replace(beams((0.0, 0.0, 0.0), (4.0, 0.0, 0.0)), sensor=sensor))
+    assert belief(m, 4.0, 0.0) == pytest.approx(0.9 - share * 0.4, abs=1e-4)
 
 
 @pytest.mark.parametrize("rule", RULES)

@@ -8,7 +8,8 @@ import yaml
 from repository import ROOT
 
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.params.by_name import REMOVED, RENAMED, flatten, with_values
+from heightmap25d_ros.params import sources
+from heightmap25d_ros.params.by_name import REMOVED, RENAMED, flatten, is_live, with_values
 from heightmap25d_ros.params.files import as_markdown, as_yaml, read_yaml
 from heightmap25d_ros.params.sections import Params
 
@@ -106,3 +107,62 @@ def test_a_value_of_an_old_name_is_checked_and_both_names_at_once_are_refused():
     both = {"short_term.mature_way": 1.0, "short_term.mature_distance": 1.0}
     with pytest.raises(InputError, match=r"mature_way: is given as short_term\.mature_distance"):
         with_values(Params(), both)
+
+
+SOURCES = {
+    "intake.scan_topics": ["scan", "/front/scan"],
+    "intake.cloud_topics": ["/camera/depth/points"],
+    "sensor.max_range": 20,
+    "sensor.front_scan.max_range": 8,
+    "sensor.camera_depth_points.max_range": 4.0,
+    "sensor.camera_depth_points.error_growth": "quadratic",
+    "sensor.camera_depth_points.mount": [0.2, 0, 0.5, 0, 0.4, 0],
+    "cloud.camera_depth_points.step": 4,
+}
+
+
+def test_what_is_set_for_one_source_takes_the_place_of_what_is_set_for_all():
+    params = with_values(Params(), {**SOURCES, "sensor.min_height": -2.0})
+    front, camera = (
+        sources.sensor_of(params, topic) for topic in ("/front/scan", "/camera/depth/points")
+    )
+    assert sources.sensor_of(params, "scan") == params.sensor
+    assert (front.max_range, camera.max_range, params.sensor.max_range) == (8.0, 4.0, 20.0)
+    assert (front.error_growth, camera.error_growth) == ("linear", "quadratic")
+    assert front.min_height == camera.min_height == -2.0
+    assert sources.cloud_of(params, "/camera/depth/points").step == 4
+    assert sources.mounts(params) == {"/camera/depth/points": (0.2, 0.0, 0.5, 0.0, 0.4, 0.0)}
+    assert sources.max_range(params) == 20.0
+    changed = with_values(params, {"sensor.min_height": -1.0, "sensor.front_scan.max_range": 30.0})
+    assert sources.sensor_of(changed, "/camera/depth/points").min_height == -1.0
+    assert sources.max_range(changed) == 30.0
+    assert with_values(Params(), {n: value for n, (_, value) in flatten(params).items()}) == params
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("sensor.scan.max_range", 900.0, r"sensor.scan.max_range: 900 is not within 0.5 .. 200"),
+        ("sensor.scan.max_range", "far", "sensor.scan.max_range: 'far' is not a float"),
+        ("sensor.scan.max_rnage", 9.0, r"unknown; did you mean sensor.scan.max_range\?"),
+        ("sensor.scan.min_height", 3.0, "sensor.scan.min_height: must be below max_height"),
+        ("sensor.scan.mount", [1.0], "sensor.scan.mount: 1 numbers; needs six"),
+        ("cloud.points.step", 0, "cloud.points.step: 0 is not within 1 .. 1000"),
+        ("grid.scan.resolution", 0.1, "grid.scan.resolution: unknown"),
+    ],
+)
+def test_a_wrong_parameter_of_a_source_is_named(name, value, message):
+    with pytest.raises(InputError, match=message):
+        with_values(Params(), {name: value})
+
+
+def test_a_source_that_no_topic_is_is_told():
+    params = with_values(Params(), {"sensor.scam.max_range": 5.0})
+    assert sources.without_topic(params) == [
+        "parameter sensor.scam.max_range: no topic is scam, only scan"
+    ]
+
+
+def test_parameters_of_a_source_are_live_as_those_of_all():
+    assert is_live("sensor.scan.max_range")
+    assert not is_live("sensor.scan.mount")

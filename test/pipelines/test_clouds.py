@@ -16,6 +16,7 @@ import heightmap25d_ros as hm
 from heightmap25d_ros import cli, se3
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.io.bag import Bag
+from heightmap25d_ros.params import sources
 from heightmap25d_ros.params.by_name import with_values
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.localization import Localizer
@@ -149,6 +150,31 @@ def test_where_clouds_are_given_alone_no_laser_is_waited_for():
         with_values(Params(), {"intake.cloud_topics": ["points", "points"]})
     with pytest.raises(InputError, match="cloud_topics: scan is in scan_topics too"):
         with_values(Params(), both | {"intake.cloud_topics": ["scan"]})
+
+
+def test_each_source_has_its_own_ranges_mount_and_decimation():
+    """The same sweep from two lidars: of one only what is near is mapped, and every tenth point."""
+    own = {
+        "intake.cloud_topics": ["points", "/near/points"],
+        "sensor.near_points.max_range": 3.0,
+        "sensor.near_points.mount": [*MOUNT[:2], MOUNT[2] + 0.1, 0.0, 0.0, 0.0],
+        "cloud.near_points.step": 10,
+    }
+    params = with_values(Params(), {**own, "intake.cloud_mounts": [*MOUNT, *MOUNT]})
+    queue = ScanQueue(params.intake, mounts=sources.mounts(params))
+    for milliseconds in range(0, 200, 20):
+        queue.take_odometry(odometry(BEGIN + milliseconds * MS))
+    queue.take_cloud("points", sweep(0))
+    near, far = queue.take_cloud("/near/points", sweep(0))
+    every, few = far.beams(params), near.beams(params)
+    assert len(few.ends) < 0.11 * len(every.ends)
+    assert np.linalg.norm(few.ends - few.origins, axis=1).max() <= 3.001
+    assert few.origins[:, 2] == pytest.approx(MOUNT[2] + 0.1)
+    assert every.origins[:, 2] == pytest.approx(MOUNT[2])
+    assert few.is_hit.any()
+    assert every.is_hit[np.linalg.norm(every.ends - every.origins, axis=1) > 4.0].any()
+    told = with_values(params, {"sensor.nera_points.max_range": 2.0})
+    assert any("no topic is nera_points" in notice for notice in Mapping(told).dropped.notices)
 
 
 def test_a_cloud_waits_for_the_poses_of_its_last_point():

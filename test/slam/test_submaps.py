@@ -10,7 +10,7 @@ from heightmap25d_ros.localization.landmarks import landmarks_of
 from heightmap25d_ros.localization.layers import NAMES
 from heightmap25d_ros.mapping.sensor_model import Beams
 from heightmap25d_ros.params.sections import Params
-from heightmap25d_ros.slam.own_map import surroundings
+from heightmap25d_ros.slam.own_map import landmarks_around, surroundings
 from heightmap25d_ros.slam.submaps import Submap
 
 PARAMS = Params()
@@ -36,7 +36,7 @@ def world(rng, count=4000):
 def submap_of(parts, T_map_submap=None):
     submap = Submap(np.eye(4), PARAMS)
     for part in parts:
-        submap.integrate(beams_of(part))
+        submap.integrate(beams_of(part), 0.0)
     submap.finish()
     if T_map_submap is not None:
         submap.T_map_submap = T_map_submap
@@ -98,3 +98,33 @@ def test_move_to_puts_the_beginning_where_it_is_told():
     pose = np.array([1.0, -2.0, 3.0, 0.5])
     submap.move_to(pose)
     np.testing.assert_allclose(submap.pose, pose, atol=1e-9)
+
+
+def row(x):
+    """Returns of a laser 0.4 m above the ground, in a row along y."""
+    y = np.arange(-2.0, 2.0, 0.01)
+    return np.column_stack([np.full(len(y), x), y, np.full(len(y), 1.0)])
+
+
+def lines_near(x, sights):
+    """Wall cells with a line within 0.1 m of x, of rows (distance driven, x) that were seen."""
+    submap = Submap(np.eye(4), PARAMS)
+    for distance, at in sights:
+        submap.integrate(beams_of(row(at)), distance)
+    grows = landmarks_around([submap], np.zeros(3), 4.0, PARAMS.grid.resolution).walls
+    submap.finish()
+    walls = landmarks_around([submap], np.zeros(3), 4.0, PARAMS.grid.resolution).walls
+    np.testing.assert_array_equal(walls, grows)
+    return int(np.count_nonzero((np.abs(walls[:, 0] - x) < 0.1) & ~np.isnan(walls[:, 2])))
+
+
+def test_a_row_that_goes_with_the_robot_is_no_wall_to_hold_on_to():
+    """As where a laser meets a slope; each place is seen for 0.1 m of the drive."""
+    sights = [(1.0 + d, 2.06 + np.floor(d / 0.1 + 1e-9) * 0.125) for d in np.arange(0, 0.6, 0.05)]
+    assert all(lines_near(x, sights) == 0 for x in {at for _, at in sights})
+
+
+def test_what_is_seen_again_further_on_is_a_wall_and_what_a_standing_robot_sees():
+    assert lines_near(2.06, [(1.0, 2.06), (1.2, 2.06), (1.4, 2.06)]) >= 30
+    assert lines_near(2.06, [(1.0, 2.06), (1.2, 2.06)]) == 0
+    assert lines_near(2.06, [(0.0, 2.06), (0.0, 2.06)]) >= 30
