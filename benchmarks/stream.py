@@ -16,7 +16,8 @@ from numba import njit
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.mapping import sensor_model
-from heightmap25d_ros.mapping.sensor_model import Beams, Scan
+from heightmap25d_ros.mapping.scan import Scan
+from heightmap25d_ros.mapping.sensor_model import Beams
 from heightmap25d_ros.params.sections import Params
 
 SEED = 25

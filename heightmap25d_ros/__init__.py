@@ -43,7 +43,8 @@ if TYPE_CHECKING:
     from heightmap25d_ros.io.map_directory import load as load_map
     from heightmap25d_ros.io.map_directory import save as save_map
     from heightmap25d_ros.mapping.mapper import Mapper
-    from heightmap25d_ros.mapping.sensor_model import Scan, beams
+    from heightmap25d_ros.mapping.scan import Scan
+    from heightmap25d_ros.mapping.sensor_model import beams
     from heightmap25d_ros.params.sections import Params
     from heightmap25d_ros.pipelines.from_bag import localize_bag, map_bag
     from heightmap25d_ros.pipelines.localization import Localizer
@@ -84,7 +85,7 @@ _SOURCES = {
     "Params": "params.sections:Params",
     "Planner": "planning.planner:Planner",
     "Pose2D": "planning.plan:Pose2D",
-    "Scan": "mapping.sensor_model:Scan",
+    "Scan": "mapping.scan:Scan",
     "beams": "mapping.sensor_model:beams",
     "load_map": "io.map_directory:load",
     "localize_bag": "pipelines.from_bag:localize_bag",

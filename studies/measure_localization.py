@@ -54,6 +54,10 @@ METHODS = {"default": PARAMS, "short-term maps": SHORT_TERM, "paper": PAPER}
 KIDNAPPED = 50  # of each world
 UNIQUE, REPEATED = ("room", "ramp", "rough"), ("corridor", "court", "pillars", "twin_rooms")
 SEARCH_WAY = 6.0  # [m] that a kidnapped robot drives at most
+# How far off the pose is that a robot starts with, in a random direction [m], and its yaw [rad].
+STARTS = {"1 m": (1.0, 0.0), "2 m and 0.5 rad": (2.0, 0.5), "turned round": (0.0, np.pi)}
+STARTED = 4  # of each world and start
+START_WAY = 20.0  # [m] that such a robot drives at most
 RIGHT = 0.25, 5.0  # [m, deg] within which it is found
 ON_MAP = 0.5, 0.2  # share of the returns within so many metres of a wall of the map
 SAME_SCAN = 2e7  # [ns] between a pose of the reference and one of the odometry
@@ -75,11 +79,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--bags", type=Path, metavar="DIR", help="where recordings are, or go to")
     parser.add_argument("--logs", nargs="+", type=Path, metavar="BAG", default=(), help="real ones")
-    sections = ("laps", "corrected", "kidnapped", "logs")
+    sections = ("laps", "corrected", "kidnapped", "starts", "logs")
     parser.add_argument("--seeds", nargs="+", type=int, default=SEEDS, help="of the laps")
     parser.add_argument(
         "--kidnapped-seeds", nargs="+", type=int, default=(1, 2), metavar="SEED",
-        help="of the worlds of kidnapped robots",
+        help="of the worlds of kidnapped robots, and of wrong starts",
     )  # fmt: skip
     parser.add_argument("--only", nargs="+", choices=sections, default=sections)
     options = parser.parse_args()
@@ -92,6 +96,9 @@ def main() -> None:
             print("\n".join(on_corrected_maps(bags)), flush=True)
         if "kidnapped" in options.only:
             for line in kidnapped(bags, options.kidnapped_seeds):
+                print(line, flush=True)
+        if "starts" in options.only:
+            for line in wrong_starts(bags, options.kidnapped_seeds):
                 print(line, flush=True)
         if "logs" in options.only and options.logs:
             for line in real_logs(options.logs):
@@ -326,6 +333,74 @@ def kidnap(
         if way > SEARCH_WAY:
             break
     return "not", way, 0.0
+
+
+def wrong_starts(bags: Path, seeds: Sequence[int]) -> Iterator[str]:
+    """Robots that begin a drive with a wrong pose, and are not told so."""
+    yield "\n| world | pose at the start off by | right after | at most | never | surely wrong |"
+    yield "|---|---|---|---|---|---|"
+    rng = np.random.default_rng(7)
+    for world in WORLDS:
+        drives = [material(bags, world, seed) for seed in seeds]
+        for label, off in STARTS.items():
+            found = [
+                wrong_start(*drive, off, rng)
+                for drive in drives
+                for _ in range(STARTED // len(seeds))
+            ]
+            ways = [way for way, _ in found if way is not None]
+            after = f"{np.median(ways):.1f} m | {max(ways):.1f} m" if ways else "|"
+            yield (
+                f"| `{world}` | {label} | {after} | {len(found) - len(ways)} of {len(found)} "
+                f"| {sum(seconds for _, seconds in found):.1f} s |"
+            )
+
+
+def wrong_start(
+    events: Sequence[Event],
+    truth: tuple[np.ndarray, se3.Matrix],
+    long_term: LongTerm,
+    off: tuple[float, float],
+    rng: np.random.Generator,
+) -> tuple[float | None, float]:
+    """The way [m] after which the pose is right and stays so, and the time [s] it was surely wrong.
+
+    Surely: told as TRACKING, and wrong by more than 3 standard deviations and 0.15 m.
+    """
+    first, last = events[0].stamp_ns, events[-1].stamp_ns
+    begin = rng.uniform(first + 1e9, 0.5 * (first + last))
+    drive = [e for e in events if e.topic == "/tf_static" or e.stamp_ns >= begin]
+    direction = rng.uniform(-np.pi, np.pi)
+    x, y, z, _, _, yaw = se3.to_xyz_rpy(interpolate(*truth, [int(begin)])[0])
+    x, y = x + off[0] * np.cos(direction), y + off[0] * np.sin(direction)
+    localizer = Localizer(PARAMS)
+    localizer.set_long_term(*long_term)
+    localizer.begin_at(np.array([x, y, z, yaw + off[1]]))
+    way, right_since, surely_wrong, before = 0.0, None, 0.0, None
+    for event in drive:
+        feed(localizer, event.topic, event.message)
+        pose = localizer.pose
+        if (
+            event.topic != "/odom"
+            or pose is None
+            or not truth[0][0] <= pose.stamp_ns <= truth[0][-1]
+        ):
+            continue
+        odometry = (se3.inverse(pose.T_map_odom) @ pose.T_map_base)[:2, 3]
+        if before is not None:
+            way += float(np.linalg.norm(odometry - before[0]))
+        true = interpolate(*truth, [pose.stamp_ns])
+        distance, _, turn = trajectory_error.planar_errors(pose.T_map_base[None], true)[0]
+        is_right = distance < RIGHT[0] and abs(turn) < RIGHT[1]
+        right_since = (way if right_since is None else right_since) if is_right else None
+        deviation = np.sqrt(np.linalg.eigvalsh(pose.covariance[:2, :2])[-1])
+        is_sure = localizer.state is State.TRACKING
+        if before is not None and is_sure and distance > max(3.0 * deviation, 0.15):
+            surely_wrong += 1e-9 * (pose.stamp_ns - before[1])
+        before = odometry, pose.stamp_ns
+        if way > START_WAY:
+            break
+    return right_since, surely_wrong
 
 
 def real_logs(paths: Sequence[Path]) -> Iterator[str]:

@@ -25,7 +25,8 @@ from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, Area, Geometry, 
 from heightmap25d_ros.io.bag import Bag
 from heightmap25d_ros.mapping import sensor_model
 from heightmap25d_ros.mapping.mapper import Mapper
-from heightmap25d_ros.mapping.sensor_model import Beams, Scan
+from heightmap25d_ros.mapping.scan import Scan
+from heightmap25d_ros.mapping.sensor_model import Beams
 from heightmap25d_ros.params.by_name import with_values
 from heightmap25d_ros.params.sections import GridParams, MapperParams, Params, SensorParams
 from heightmap25d_ros.pipelines.mapping import Mapping

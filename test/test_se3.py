@@ -55,6 +55,24 @@ def test_angles_round_trip(xyz_rpy):
     assert close(se3.to_xyz_rpy(se3.from_xyz_rpy(xyz_rpy)), xyz_rpy, 1e-6)
 
 
+@given(six, six)
+def test_angles_quaternions_and_products_are_scipys(a, b):
+    one, other = Rotation.from_euler("xyz", a[3:]), Rotation.from_euler("xyz", b[3:])
+    T = se3.compose(se3.from_xyz_rpy([a]), se3.from_xyz_rpy([b]))[0]
+    assert close(T, se3.from_xyz_rpy(a) @ se3.from_xyz_rpy(b), 1e-8)
+    assert close(T[:3, :3], (one * other).as_matrix())
+    assert close(se3.to_quaternion(T), (one * other).as_quat(canonical=True), 1e-7)
+    assert close(se3.from_quaternion(T[:3, 3], se3.to_quaternion(T)), T)
+
+
+def test_straight_up_the_yaw_is_in_the_roll():
+    for pitch in (np.pi / 2, -np.pi / 2):
+        T = se3.from_xyz_rpy([1.0, 2.0, 3.0, 0.4, pitch, 0.3])
+        angles = se3.to_xyz_rpy(T)
+        assert angles[5] == 0.0
+        assert close(se3.from_xyz_rpy(angles), T, 1e-7)
+
+
 @given(poses)
 def test_yaw_is_that_of_the_angles(pose):
     assert math.isclose(se3.yaw(pose), se3.to_xyz_rpy(pose)[5], abs_tol=1e-9)

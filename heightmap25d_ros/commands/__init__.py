@@ -9,7 +9,7 @@ A module adds its command to the parser (``add_to``) and runs it; `common` has w
 SUMMARIES = {
     "map": "a map directory from bags",
     "localize": "the pose of a bag, held to a map",
-    "slam": "a map directory from a bag whose poses drift",
+    "slam": "a map directory from bags whose poses drift",
     "merge": "one map directory of several of one place",
     "plan": "a path over a map directory",
     "explain": "why a cell is occupied, dear or unknown",
@@ -18,7 +18,7 @@ SUMMARIES = {
     "evaluate": "a map directory against the truth",
     "info": "what is in a bag or a map directory",
     "view": "a map or a bag in 3-D (needs rerun)",
-    "import": "a map directory from a map of others",
+    "import": "a map directory from a map of others, a bag from clouds",
     "export": "a map as points (PLY, PCD) or as a GeoTIFF",
     "simulate": "a bag of a simulated drive, and its truth",
     "explore": "a simulated robot explores a world",

@@ -10,8 +10,8 @@ from __future__ import annotations
 import heapq
 import logging
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from itertools import chain, pairwise
 from pathlib import Path
 from types import TracebackType
@@ -25,6 +25,7 @@ from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.io._bag_files import open_files
 from heightmap25d_ros.io._definitions import learn
 from heightmap25d_ros.io._topics import (
+    CLOUD_TYPES,
     LASER_SCAN,
     ODOMETRY,
     POINT_CLOUD,
@@ -184,6 +185,15 @@ class Bag:
         if topic not in self.topics_of(message_type):
             self._warn(f"{self.path}: {topic} ({message_type}) holds no messages")
 
+    def cloud_topics(self) -> list[str]:
+        """All topics of clouds, of each of `CLOUD_TYPES`, sorted."""
+        return sorted({topic for kind in CLOUD_TYPES for topic in self.topics_of(kind)})
+
+    def cloud_type(self, topic: str) -> str:
+        """The type of the clouds of a topic; PointCloud2 where it has none."""
+        types = set(map(type_of, self._connections.get(topic, ())))
+        return next((kind for kind in CLOUD_TYPES if kind in types), POINT_CLOUD)
+
     def scan_topics(self) -> list[str]:
         """All LaserScan topics.
 
@@ -223,6 +233,7 @@ class Bag:
         types: Mapping[str, str] | None = None,
         start_ns: int | None = None,
         stop_ns: int | None = None,
+        readers: Mapping[str, Callable[[bytes], Any]] | None = None,
     ) -> Iterator[Event]:
         """The messages of some topics, decoded, in order of time, from start to before stop.
 
@@ -236,6 +247,9 @@ class Bag:
             on a topic are counted in ``other_types``.
         start_ns, stop_ns : int [ns], optional
             When they were recorded; all by default.
+        readers : dict of message type to callable, optional
+            What decodes the bytes of some types in place of rosbags, as `message_bytes` does; where
+            it raises `InputError`, rosbags does.
 
         Raises
         ------
@@ -248,7 +262,7 @@ class Bag:
                 learn(self._store, message_type, self._of_topic(name))
         for topic, stamp_ns, data in self._raw_events(read_as, start_ns, stop_ns):
             try:
-                message = self._store.deserialize_cdr(data, read_as[topic])
+                message = self._message(data, read_as[topic], (readers or {}).get(read_as[topic]))
             except SerdeError:
                 self.damaged[topic] += 1
                 continue
@@ -257,6 +271,12 @@ class Bag:
             if self.damaged[topic]:
                 count = self.damaged[topic]
                 self._warn(f"{self.path}: {topic}: {count} damaged messages are skipped")
+
+    def _message(self, data: bytes, message_type: str, read: Callable[[bytes], Any] | None) -> Any:
+        if read is not None:
+            with suppress(InputError):
+                return read(data)
+        return self._store.deserialize_cdr(data, message_type)
 
     def raw_events(
         self, topics: Collection[str], start_ns: int | None = None, stop_ns: int | None = None

@@ -28,7 +28,7 @@ from heightmap25d_ros.grid.height_map import (
 )
 from heightmap25d_ros.grid.levels import UpperSurfaces
 from heightmap25d_ros.io import _scan_fields
-from heightmap25d_ros.mapping.sensor_model import Scan
+from heightmap25d_ros.mapping.scan import Scan
 
 QUATERNION_TOLERANCE = 0.01
 """How far the norm of a rotation may be from 1, as in tf2; within it, it is normalised."""

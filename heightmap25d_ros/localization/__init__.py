@@ -13,6 +13,7 @@ state; `paper_registration` is the paper's method.
 
 `scan_filter` updates the pose by single scans: returns of the last moment (`scan_window`) are
 matched (`scan_update`) with the walls and the ground of the long-term map (`layers`, `landmarks`,
-`wall_lines`, `ground_planes`), or of one that is being made (`growing_map`), and `scan_proposal`
-asks short-term maps where scans do not suffice.
+`wall_lines`, `ground_planes`), or of one that is being made (`growing_map`). Where they contradict
+the map or do not tell enough, `scan_proposal` asks short-term maps, and looks for the place around
+(`scan_search`).
 """

@@ -201,6 +201,7 @@ class Tracker:
         self._confirmed = self._refused = 0
         self._proposed: se3.Matrix | None = None
         self._attempt_distance = self._search_distance = -np.inf
+        self._agreed_distance = self._short_term.distance
 
     def forget(self) -> None:
         """Drop the short-term maps: odometry has jumped, and they are not consistent any more."""
@@ -322,6 +323,7 @@ class Tracker:
         found = estimate.update(returns, T_odom_base, landmarks)
         if found.reason not in CONTRADICTIONS:
             self._window.confirm()
+            self._agreed_distance = distance
         if distance - self._attempt_distance < self._params.localization.interval:
             return None
         self._attempt_distance = distance
@@ -329,14 +331,14 @@ class Tracker:
         view = _View(surface, points, T_odom_base)
         if found.reason in CONTRADICTIONS or estimate.deviation[0] > COARSE:
             short_term_map = self._short_term.mature()
-            if short_term_map is not None:
-                seen = short_term_map.local_cells(distance)
-                proposed = Proposal(estimate, found, T_odom_base, seen).proven(
-                    returns, surface, landmarks, self._params
-                )
-                if self._is_repeated(proposed, T_odom_base) and proposed is not None:
-                    self.estimate, found, points = proposed
-                    view = _View(surface, points, T_odom_base)
+            seen = None if short_term_map is None else short_term_map.local_cells(distance)
+            doubted = distance - self._agreed_distance
+            proposed = Proposal(estimate, found, T_odom_base, returns, doubted).proven(
+                seen, surface, landmarks, self._params
+            )
+            if self._is_repeated(proposed, T_odom_base) and proposed is not None:
+                self.estimate, found, points, _ = proposed
+                view = _View(surface, points, T_odom_base)
         self.health.update(found, self.estimate.deviation[0])
         if found.is_accepted and self.health.state is State.TRACKING:
             self._learn(estimate.errors)
@@ -352,11 +354,11 @@ class Tracker:
         before, self._proposed = self._proposed, None
         if proposed is None:
             return False
-        self._proposed = proposed[0].T_map_odom
+        self._proposed = proposed.estimate.T_map_odom
         if before is None:
             return False
         apart = (before - self._proposed) @ T_odom_base
-        return bool(np.hypot(apart[0, 3], apart[1, 3]) < _REPEATED)
+        return bool(np.hypot(apart[0, 3], apart[1, 3]) < _REPEATED + proposed.wrong)
 
     def _is_registration_due(self) -> bool:
         """A lost robot registers only to confirm a pose found in the whole map."""

@@ -38,7 +38,8 @@ from heightmap25d_ros.mapping.level_update import (
     miss_upper,
     update_span,
 )
-from heightmap25d_ros.mapping.sensor_model import Beams, Scan
+from heightmap25d_ros.mapping.scan import Scan
+from heightmap25d_ros.mapping.sensor_model import Beams
 from heightmap25d_ros.mapping.sensor_model import beams as beams_of
 from heightmap25d_ros.params.sections import MapperParams, SensorParams
 

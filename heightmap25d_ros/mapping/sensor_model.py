@@ -9,63 +9,16 @@ outliers among the returns, and `voids` beams of which none near by met the grou
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import minimum_filter1d
 
 from heightmap25d_ros import se3
+from heightmap25d_ros.kernels import inlined_kernel, kernel
+from heightmap25d_ros.mapping.scan import Scan
 from heightmap25d_ros.params.sections import SensorParams
 
 _VOID = 5  # neighbouring beams without return: fewer are dropouts of the laser
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Scan:
-    """One planar scan, as sensor_msgs/LaserScan.
-
-    Attributes
-    ----------
-    stamp_ns : int [ns]
-        Of the first beam.
-    frame_id : str
-    angle_min, angle_increment : float [rad]
-    time_increment : float [s]
-        Between beams; negative where the laser scans against the order of the angles.
-    range_min, range_max : float [m]
-    ranges : (N,) float32 [m]
-        A list is taken as well.
-
-    Examples
-    --------
-    >>> Scan(angle_min=0.0, angle_increment=0.01, ranges=[2.0, 2.1]).ranges
-    array([2. , 2.1], dtype=float32)
-    """
-
-    KIND: ClassVar[str] = "scan"
-
-    stamp_ns: int = 0
-    frame_id: str = ""
-    angle_min: float
-    angle_increment: float
-    time_increment: float = 0.0
-    range_min: float = 0.0
-    range_max: float = np.inf
-    ranges: NDArray[np.float32]
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.ranges, np.ndarray):
-            object.__setattr__(self, "ranges", np.asarray(self.ranges, np.float32))
-        if self.ranges.ndim != 1:
-            raise ValueError(f"ranges: shape {self.ranges.shape}, not (N,)")
-
-    def beam_stamps_ns(self) -> NDArray[np.int64]:
-        """(N,) int64 [ns]: stamp of each beam; (1,) where all beams have the same one."""
-        count = len(self.ranges) if self.time_increment else 1
-        offsets = np.arange(count) * (self.time_increment * 1e9)
-        stamps: NDArray[np.int64] = self.stamp_ns + np.rint(offsets).astype(np.int64)
-        return stamps
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,6 +50,10 @@ class Beams:
     sensor: SensorParams | None = None
 
 
+_CONVENTIONS = ("rep117", "zero", "range_max", "out_of_range")  # as numbers, for kernels
+_ZERO, _RANGE_MAX, _OUT_OF_RANGE = 1, 2, 3
+
+
 def no_returns(scan: Scan, convention: str) -> NDArray[np.bool_]:
     """(N,) bool: the beams that met nothing within the reach of the laser.
 
@@ -106,16 +63,59 @@ def no_returns(scan: Scan, convention: str) -> NDArray[np.bool_]:
     convention : str
         Which ranges mean that, besides +inf (REP-117): those of parameter ``sensor.no_return``.
     """
-    ranges = scan.ranges
-    is_miss: NDArray[np.bool_] = ranges == np.inf
-    is_finite = np.isfinite(ranges)
-    if convention == "zero":
-        is_miss |= ranges == 0.0
-    if convention in ("range_max", "out_of_range"):
-        is_miss |= is_finite & (ranges >= np.float32(scan.range_max))
-    if convention == "out_of_range":
-        is_miss |= is_finite & (ranges <= np.float32(scan.range_min))
+    is_miss = np.empty(len(scan.ranges), bool)
+    _find_misses(scan.ranges, _misses_of(scan, convention), is_miss)
     return is_miss
+
+
+def _misses_of(scan: Scan, convention: str) -> tuple[int, float, float]:
+    """Convention, range_min and range_max, as `_is_miss` takes them."""
+    return _CONVENTIONS.index(convention), scan.range_min, scan.range_max
+
+
+def count_returns(scan: Scan, convention: str) -> tuple[int, int, int, int]:
+    """How many ranges are returns; of these: beyond range_max, below range_min, at range_max.
+
+    Parameters
+    ----------
+    scan : Scan
+    convention : str
+        As of `no_returns`: what is no return is not counted, wherever it lies.
+    """
+    counted: tuple[int, int, int, int] = _count_returns(scan.ranges, _misses_of(scan, convention))
+    return counted
+
+
+@kernel
+def _count_returns(ranges, misses):
+    returns = beyond = below = at_max = 0
+    range_min, range_max = np.float32(misses[1]), np.float32(misses[2])
+    for i in range(len(ranges)):
+        if np.isfinite(ranges[i]) and not _is_miss(ranges[i], misses):
+            returns += 1
+            beyond += ranges[i] > range_max
+            below += ranges[i] < range_min
+            at_max += ranges[i] == range_max
+    return returns, beyond, below, at_max
+
+
+@kernel
+def _find_misses(ranges, misses, is_miss):
+    for i in range(len(ranges)):
+        is_miss[i] = _is_miss(ranges[i], misses)
+
+
+@inlined_kernel
+def _is_miss(distance, misses):
+    # The limits in the precision of the ranges: 4.1 is a little more as float32.
+    convention, range_min, range_max = misses[0], np.float32(misses[1]), np.float32(misses[2])
+    if distance == np.inf:
+        return True
+    if convention == _ZERO:
+        return distance == 0.0
+    is_far = convention >= _RANGE_MAX and distance >= range_max
+    is_near = convention == _OUT_OF_RANGE and -np.inf < distance <= range_min
+    return is_far or is_near
 
 
 def lone_returns(
@@ -135,20 +135,28 @@ def lone_returns(
     distance : float [m]
         0: no outlier rejection.
     """
-    if distance == 0.0:
-        return np.zeros(len(ranges), bool)
-    inverse = np.full(len(ranges) + 4, np.nan)
-    inverse[2:-2][is_return] = 1.0 / ranges[is_return]
-    before2, before, after, after2 = inverse[:-4], inverse[1:-3], inverse[3:-1], inverse[4:]
-    is_supported = np.zeros(len(ranges), bool)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        for expected in (before, after, 2 * before - before2, 2 * after - after2):
-            is_supported |= np.abs(1.0 / expected - ranges) <= distance
-    is_informative = np.pad(is_return | (ranges == np.inf), 1)
-    is_lone: NDArray[np.bool_] = (
-        is_return & ~is_supported & (is_informative[:-2] | is_informative[2:])
-    )
+    is_lone = np.zeros(len(ranges), bool)
+    _find_lone(ranges, is_return, distance, is_lone)
     return is_lone
+
+
+@kernel
+def _find_lone(ranges, is_return, distance, is_lone):
+    count = len(ranges)
+    for i in range(count):
+        is_supported, is_informative = distance == 0.0 or not is_return[i], False
+        for side in (-1, 1):
+            one, two = i + side, i + 2 * side
+            if is_supported or one < 0 or one >= count:
+                continue
+            is_informative |= is_return[one] or ranges[one] == np.inf
+            if not is_return[one]:
+                continue
+            is_supported = abs(ranges[one] - ranges[i]) <= distance
+            if not is_supported and 0 <= two < count and is_return[two]:
+                expected = 1.0 / (2.0 / ranges[one] - 1.0 / ranges[two])
+                is_supported = abs(expected - ranges[i]) <= distance
+        is_lone[i] = is_informative and not is_supported
 
 
 def voids(is_ground_missed: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -162,42 +170,18 @@ def voids(is_ground_missed: NDArray[np.bool_]) -> NDArray[np.bool_]:
         Whether a beam returned nothing, though the ground that the robot stands on is within
         reach.
     """
-    return np.asarray(minimum_filter1d(is_ground_missed, _VOID, mode="constant"))
+    is_void = np.zeros(len(is_ground_missed), bool)
+    _find_voids(is_ground_missed, is_void)
+    return is_void
 
 
-def _range_to_ground(
-    directions: NDArray[np.float64], T_base_sensor: se3.Matrix
-) -> NDArray[np.float64]:
-    """(N,) float64 [m]: range to the plane of base_link, infinite where a beam does not meet it.
-
-    Parameters
-    ----------
-    directions : (N, 2) float64
-        Of the beams, in the plane of the scan.
-    T_base_sensor : (N, 4, 4) or (1, 4, 4) float64
-    """
-    height = T_base_sensor[:, 2, 3]
-    fall = -(T_base_sensor[:, 2, 0] * directions[:, 0] + T_base_sensor[:, 2, 1] * directions[:, 1])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(fall > 0.0, np.maximum(height, 0.0) / fall, np.inf)
-
-
-def _in_box(
-    ends: NDArray[np.float64], T_base_sensor: se3.Matrix, corners: NDArray[np.float64]
-) -> NDArray[np.bool_]:
-    """(N,): whether ends (N, 2) [m] in the plane of the scan lie in a box of base_link.
-
-    Parameters
-    ----------
-    ends : (N, 2) float64 [m]
-    T_base_sensor : (N, 4, 4) or (1, 4, 4) float64
-    corners : (2, 3) float64 [m]
-        Two opposite ones.
-    """
-    axes = T_base_sensor[:, :3, :2]
-    in_base = T_base_sensor[:, :3, 3] + axes[:, :, 0] * ends[:, :1] + axes[:, :, 1] * ends[:, 1:]
-    lowest, highest = corners.min(axis=0), corners.max(axis=0)
-    return np.asarray(((in_base >= lowest) & (in_base <= highest)).all(axis=1))
+@kernel
+def _find_voids(is_ground_missed, is_void):
+    in_a_row = 0
+    for i in range(len(is_ground_missed)):
+        in_a_row = in_a_row + 1 if is_ground_missed[i] else 0
+        if in_a_row >= _VOID:
+            is_void[i - _VOID // 2] = True
 
 
 def stacked_poses(name: str, poses: ArrayLike, count: int) -> se3.Matrix:
@@ -212,7 +196,7 @@ def stacked_poses(name: str, poses: ArrayLike, count: int) -> se3.Matrix:
     stack = stack[None] if stack.ndim == 2 else stack
     if stack.shape[1:] != (4, 4) or len(stack) not in (1, count):
         raise ValueError(f"{name}: shape {np.shape(poses)}, not (4, 4), nor ({count}, 4, 4)")
-    return stack
+    return np.ascontiguousarray(stack)
 
 
 def beams(
@@ -254,41 +238,91 @@ def beams(
     array([[2. , 0. , 0.4]])
     """
     sensor, params = params, params or SensorParams()
-    T_map_base = stacked_poses("T_map_base", T_map_base, len(scan.ranges))
-    T_base_sensor = stacked_poses("T_base_sensor", T_base_sensor, len(scan.ranges))
-    with np.errstate(invalid="ignore"):  # there are NaNs that signal when they are converted
-        ranges = scan.ranges.astype(np.float64)
-    is_miss = no_returns(scan, params.no_return)
-    ranges[is_miss] = np.inf
-    nearest = max(scan.range_min, params.min_range)
-    is_return = (ranges >= nearest) & (ranges <= scan.range_max) & (ranges > 0.0) & ~is_miss
-    angles = scan.angle_min + scan.angle_increment * np.arange(len(ranges))
-    in_plane = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    count = len(scan.ranges)
+    body = _NO_BODY
     if params.body_box:
-        ends = np.where(is_return, ranges, 0.0)[:, None] * in_plane
-        is_return &= ~_in_box(ends, T_base_sensor, np.reshape(params.body_box, (2, 3)))
-    to_ground = _range_to_ground(in_plane, T_base_sensor)
-    farthest = min(params.clearing_range, scan.range_max)
-    cleared = np.minimum(farthest, to_ground)
-    reach = np.where(is_miss, cleared, np.minimum(ranges, params.max_range))
-    used = (is_return | is_miss) & (reach > 0.0)
-
-    T_map_sensor = T_map_base @ T_base_sensor
-    origins = np.broadcast_to(T_map_sensor[:, :3, 3], (len(ranges), 3))[used]
-    base_z = np.broadcast_to(T_map_base[:, 2, 3], len(ranges))[used]
-    axes = np.broadcast_to(T_map_sensor[:, :3, :2], (len(ranges), 3, 2))[used]
-    along = in_plane[used]
-    direction = axes[:, :, 0] * along[:, :1] + axes[:, :, 1] * along[:, 1:]
-    ends = origins + reach[used, None] * direction
-
-    above_base = ends[:, 2] - base_z
-    in_window = (above_base >= params.min_height) & (above_base <= params.max_height)
-    is_hit = is_return[used] & (ranges[used] <= params.max_range) & in_window
+        body = np.sort(np.reshape(params.body_box, (2, 3)), axis=0)
+    origins, ends, is_hit, is_lone, is_void = _beams(
+        scan.ranges, (scan.angle_min, scan.angle_increment),
+        (max(scan.range_min, params.min_range), scan.range_max),
+        _misses_of(scan, params.no_return),
+        stacked_poses("T_map_base", T_map_base, count),
+        stacked_poses("T_base_sensor", T_base_sensor, count), body,
+        (params.max_range, params.clearing_range, params.min_height, params.max_height),
+        lone_return,
+    )  # fmt: skip
     return Beams(
-        origins=np.ascontiguousarray(origins),
-        ends=ends,
-        is_hit=is_hit,
-        is_lone=lone_returns(ranges, is_return, lone_return)[used],
-        is_void=voids(is_miss & (to_ground < farthest))[used],
-        sensor=sensor,
+        origins=origins, ends=ends, is_hit=is_hit, is_lone=is_lone, is_void=is_void, sensor=sensor
     )
+
+
+_NO_BODY = np.full((2, 3), np.inf)
+
+
+@kernel
+def _beams(  # noqa: PLR0913
+    stored, angles, valid, misses, T_map_base, T_base_sensor, body, limits, lone_return
+):
+    """The arrays of `Beams`, of ranges (N,) float32 that are valid between two limits [m]."""
+    count = len(stored)
+    base_step, mount_step = min(len(T_map_base) - 1, 1), min(len(T_base_sensor) - 1, 1)
+    max_range, clearing_range, min_height, max_height = limits
+    farthest = min(clearing_range, valid[1])
+    ranges, in_plane, to_ground = np.empty(count), np.empty((count, 2)), np.empty(count)
+    is_return, is_ground_missed = np.empty(count, np.bool_), np.empty(count, np.bool_)
+    is_lone, is_void = np.zeros(count, np.bool_), np.zeros(count, np.bool_)
+    has_body = body[0, 0] < np.inf
+    for i in range(count):
+        is_miss = _is_miss(stored[i], misses)
+        distance = np.inf if is_miss else np.float64(stored[i])
+        angle = angles[0] + angles[1] * i
+        in_plane[i, 0], in_plane[i, 1] = np.cos(angle), np.sin(angle)
+        mount = T_base_sensor[i * mount_step]
+        is_valid = valid[0] <= distance <= valid[1] and distance > 0.0 and not is_miss
+        if is_valid and has_body:
+            is_valid = not _is_in(body, mount, distance * in_plane[i, 0], distance * in_plane[i, 1])
+        ranges[i], is_return[i] = distance, is_valid
+        to_ground[i] = _range_to_ground(mount, in_plane[i, 0], in_plane[i, 1])
+        is_ground_missed[i] = is_miss and to_ground[i] < farthest
+    _find_lone(ranges, is_return, lone_return, is_lone)
+    _find_voids(is_ground_missed, is_void)
+
+    origins, ends, is_hit = np.empty((count, 3)), np.empty((count, 3)), np.empty(count, np.bool_)
+    used = 0
+    for i in range(count):
+        if not is_return[i] and ranges[i] != np.inf:
+            continue
+        mount, base = T_base_sensor[i * mount_step], T_map_base[i * base_step]
+        x, y = in_plane[i]
+        reach = min(ranges[i], max_range) if is_return[i] else min(farthest, to_ground[i])
+        if not reach > 0.0:
+            continue
+        for axis in range(3):
+            ahead, origin = 0.0, base[axis, 3]
+            for k in range(3):
+                ahead += base[axis, k] * (mount[k, 0] * x + mount[k, 1] * y)
+                origin += base[axis, k] * mount[k, 3]
+            origins[used, axis], ends[used, axis] = origin, origin + reach * ahead
+        above_base = ends[used, 2] - base[2, 3]
+        is_in_window = min_height <= above_base <= max_height
+        is_hit[used] = is_return[i] and ranges[i] <= max_range and is_in_window
+        is_lone[used], is_void[used] = is_lone[i], is_void[i]
+        used += 1
+    return origins[:used], ends[:used], is_hit[:used], is_lone[:used], is_void[:used]
+
+
+@inlined_kernel
+def _range_to_ground(mount, x, y):
+    """Range [m] to the plane of base_link along a beam in the plane of the scan; inf: none."""
+    fall = -(mount[2, 0] * x + mount[2, 1] * y)
+    return max(mount[2, 3], 0.0) / fall if fall > 0.0 else np.inf
+
+
+@inlined_kernel
+def _is_in(body, mount, x, y):
+    """Whether a point [m] of the plane of the scan is between two corners (2, 3) in base_link."""
+    is_in = True
+    for axis in range(3):
+        place = mount[axis, 0] * x + mount[axis, 1] * y + mount[axis, 3]
+        is_in &= body[0, axis] <= place <= body[1, axis]
+    return is_in

@@ -16,8 +16,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.qos import DurabilityPolicy, QoSCompatibility, qos_check_compatible
 from rclpy.subscription import Subscription
-from sensor_msgs.msg import LaserScan, PointCloud2
 
+from heightmap25d_ros.io.message_bytes import READERS
 from heightmap25d_ros.nodes.guard import Guard
 from heightmap25d_ros.nodes.interface import Input as Interface
 from heightmap25d_ros.nodes.qos import best_effort, is_best_effort_needed
@@ -39,7 +39,7 @@ PERIOD = 1.0
 SETTLED = 5.0
 """How long after its activation a node is given to hear everybody [s]."""
 
-_SCANS = LaserScan, PointCloud2
+_SCANS = "LaserScan", "PointCloud2", "CompressedPointCloud2", "CustomMsg"  # the last one Livox's
 _PAGE = os.sysconf("SC_PAGE_SIZE")
 
 
@@ -106,14 +106,22 @@ class Diagnostics:
         node.create_timer(PERIOD, self._publish, clock=self._wall_clock)
 
     def subscribe(self, entry: Interface) -> None:
-        """Subscribe to an input of the node, and count what comes."""
+        """Subscribe to an input of the node, and count what comes.
+
+        What comes many times a second is taken as bytes, see `message_bytes`.
+        """
+        read = READERS.get(_type_name(entry.kind))
 
         def take(message: Any) -> None:
             counted.received += 1
+            if read is not None:
+                message = self._reporting.dropped.decoded(entry.kind.__name__, read, message)
+                if message is None:
+                    return
             entry.callback(message)
 
         subscription = self._node.create_subscription(
-            entry.kind, entry.topic, take, entry.profile, raw=entry.is_raw
+            entry.kind, entry.topic, take, entry.profile, raw=read is not None
         )
         is_latched = entry.profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
         counted = _Counted(subscription, entry.is_needed, is_latched, take)
@@ -204,7 +212,9 @@ class Diagnostics:
         dropped = self._reporting.dropped
         observed = Observed(
             inputs=tuple(map(self._input, self._inputs)),
-            scans=sum(h.received for h in self._inputs if h.subscription.msg_type in _SCANS),
+            scans=sum(
+                h.received for h in self._inputs if h.subscription.msg_type.__name__ in _SCANS
+            ),
             dropped=Counter(dropped),
             clock_ns=self._clock_ns if is_simulated else None,
             flat_poses=self.flatness.poses,
@@ -284,8 +294,7 @@ class Diagnostics:
 
 def _incompatible(publisher: Any, subscription: Subscription) -> str:
     """Why a publisher cannot reach a subscription; empty where it can."""
-    module = subscription.msg_type.__module__.partition(".")[0]
-    wanted = f"{module}/msg/{subscription.msg_type.__name__}"
+    wanted = _type_name(subscription.msg_type)
     name = f"{publisher.node_namespace.rstrip('/')}/{publisher.node_name}"
     if publisher.topic_type != wanted:
         return f"{name} publishes {publisher.topic_type}, not {wanted}"
@@ -293,6 +302,11 @@ def _incompatible(publisher: Any, subscription: Subscription) -> str:
     if compatibility != QoSCompatibility.ERROR:
         return ""
     return f"{name}: {reason.removeprefix('ERROR: ').rstrip('; ')}"
+
+
+def _type_name(kind: Any) -> str:
+    """Of a class of messages, as sensor_msgs/msg/LaserScan."""
+    return f"{kind.__module__.partition('.')[0]}/msg/{kind.__name__}"
 
 
 def _resident_bytes() -> int:

@@ -24,8 +24,6 @@ class Input:
     profile : QoSProfile
     is_needed : bool
         Whether the node is of no use without it: the self-check complains where it is silent.
-    is_raw : bool
-        Whether the callback takes the serialized bytes.
     """
 
     kind: Any
@@ -33,7 +31,6 @@ class Input:
     callback: Callable[[Any], Any]
     profile: QoSProfile
     is_needed: bool = False
-    is_raw: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,6 @@ from nav_msgs.msg import Odometry
 from tf2_msgs.msg import TFMessage
 
 from heightmap25d_ros.io import decode
-from heightmap25d_ros.io.tf_bytes import tf_message
 from heightmap25d_ros.nodes import qos
 from heightmap25d_ros.nodes.interface import Input
 from heightmap25d_ros.params.sections import IntakeParams
@@ -59,8 +58,7 @@ def pose_inputs(
 
     topics = [
         Input(
-            TFMessage, "/tf", lambda data: take(tf_message(data), False), qos.POSES,
-            is_needed=poses is not None, is_raw=True,
+            TFMessage, "/tf", lambda m: take(m, False), qos.POSES, is_needed=poses is not None
         ),
         Input(TFMessage, "/tf_static", lambda m: take(m, True), qos.STATIC_TRANSFORMS),
     ]  # fmt: skip

@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 from heightmap25d_ros import se3
 from heightmap25d_ros.io.decode import Odometry
 from heightmap25d_ros.mapping.cloud import Cloud
-from heightmap25d_ros.mapping.sensor_model import Scan, no_returns
+from heightmap25d_ros.mapping.scan import Scan
+from heightmap25d_ros.mapping.sensor_model import count_returns
 from heightmap25d_ros.pipelines.drops import BELOW_RANGE_MIN, BEYOND_RANGE_MAX, Drops
+from heightmap25d_ros.pipelines.repeated_scans import difference
 
 RETURNS, BEYOND, BELOW, AT_MAX = "returns", "beyond range_max", "below range_min", "at range_max"
 """What is counted of the ranges: finite ones that are returns, and where they lie."""
@@ -101,12 +103,10 @@ class InputWatch:
         T = self._T_odom_base = odometry.T
         self.flatness.observe(T[2, 3], T[0, 2], T[1, 2])
 
-    def observe_scan(self, topic: str, scan: Scan | Cloud) -> None:
-        """A scan or a cloud has come, after the newest pose."""
+    def observe_scan(self, topic: str, scan: Scan | Cloud, sweep_ns: int) -> None:
+        """A scan or a cloud has come, after the newest pose; its beams took so long [ns]."""
         self.scans += 1
-        stamps = scan.beam_stamps_ns()
-        sweep = float(stamps.max() - stamps.min()) * 1e-9
-        self._sweeps[topic].append((scan.stamp_ns, sweep))
+        self._sweeps[topic].append((scan.stamp_ns, sweep_ns * 1e-9))
         if self._odometry:
             self._offsets[topic].append((scan.stamp_ns - self._odometry[-1]) * 1e-9)
         if isinstance(scan, Cloud):
@@ -128,7 +128,7 @@ class InputWatch:
     def _observe_repeat(self, topic: str, ranges: NDArray[np.float32]) -> None:
         """Count a scan whose ranges are those of the ones before, which the robot has left."""
         before = self._repeats.get(topic)
-        is_same = before is not None and np.array_equal(before.ranges, ranges, equal_nan=True)
+        is_same = before is not None and not difference(before.ranges, ranges)[0]
         if before is None or not is_same or not np.isfinite(ranges).any():
             self._repeats[topic] = _Repeat(ranges, self._T_odom_base)
             return
@@ -151,25 +151,22 @@ class InputWatch:
         self.used += 1
         if isinstance(scan, Cloud):
             return
-        ranges = scan.ranges
-        is_return = np.isfinite(ranges) & ~no_returns(scan, convention)
-        returns = ranges[is_return]
-        is_beyond, is_below = returns > scan.range_max, returns < scan.range_min
         places = {
-            BEYOND: (is_beyond, f"a range_max of {scan.range_max:g} m"),
-            BELOW: (is_below, f"a range_min of {scan.range_min:g} m"),
-            AT_MAX: (returns == np.float32(scan.range_max), f"range_max {scan.range_max:g} m"),
+            BEYOND: (np.greater, scan.range_max, "a range_max of"),
+            BELOW: (np.less, scan.range_min, "a range_min of"),
+            AT_MAX: (np.equal, scan.range_max, "range_max"),
         }
-        self.counts[RETURNS] += len(returns)
-        for place, (is_there, limit) in places.items():
-            count = int(np.count_nonzero(is_there))
+        returns, *counts = count_returns(scan, convention)
+        self.counts[RETURNS] += returns
+        for (place, (is_there, limit, told)), count in zip(places.items(), counts, strict=True):
             if count:
                 self.counts[place] += count
-                median = float(np.median(returns[is_there].astype(np.float64)))
-                self._examples[place] = f"the median is {median:.4g} m against {limit}"
+                is_one = np.isfinite(scan.ranges) & is_there(scan.ranges, np.float32(limit))
+                median = float(np.median(scan.ranges[is_one].astype(np.float64)))
+                self._examples[place] = f"the median is {median:.4g} m against {told} {limit:g} m"
         examples = self._examples
-        dropped.record(BEYOND_RANGE_MAX, examples.get(BEYOND, ""), int(is_beyond.sum()))
-        dropped.record(BELOW_RANGE_MIN, examples.get(BELOW, ""), int(is_below.sum()))
+        dropped.record(BEYOND_RANGE_MAX, examples.get(BEYOND, ""), counts[0])
+        dropped.record(BELOW_RANGE_MIN, examples.get(BELOW, ""), counts[1])
 
     def example(self, place: str) -> str:
         """Of the returns in one of these places: the newest scan's median and the limit.

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from heightmap25d_ros import pose_interpolation, se3
+from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_map import HeightMap
@@ -28,6 +28,7 @@ from heightmap25d_ros.localization.tracking_state import State
 from heightmap25d_ros.mapping import cloud, sensor_model
 from heightmap25d_ros.params import sources
 from heightmap25d_ros.params.sections import Params
+from heightmap25d_ros.pipelines import scan_queue
 from heightmap25d_ros.pipelines.odometry_gate import Jump
 from heightmap25d_ros.pipelines.scan_queue import Reading
 from heightmap25d_ros.pipelines.sensor_intake import SensorIntake
@@ -39,7 +40,7 @@ _LEAST_COVARIANCE = np.diag(np.square([0.01, 0.01, 0.001]))  # nobody is surer o
 
 def compile_kernels(params: Params) -> None:
     """Compile, or load from numba's cache, all that the first registration or search needs."""
-    pose_interpolation.compile_kernels()
+    scan_queue.sample_reading().beams(params)
     if params.intake.cloud_topics:
         cloud.compile_kernels()
     surface = Surface(np.zeros((4, 4), np.float32), np.zeros((4, 4), bool), (0.0, 0.0), 1.0)

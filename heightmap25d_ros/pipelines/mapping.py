@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from heightmap25d_ros import memory, pose_interpolation, se3
+from heightmap25d_ros import memory, se3
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_grid import TILE, HeightGrid, anchor_at
@@ -30,6 +30,7 @@ from heightmap25d_ros.mapping.drop_offs import DropOffs
 from heightmap25d_ros.mapping.mapper import Mapper
 from heightmap25d_ros.params import sources
 from heightmap25d_ros.params.sections import Params
+from heightmap25d_ros.pipelines import scan_queue
 from heightmap25d_ros.pipelines.scan_queue import Reading
 from heightmap25d_ros.pipelines.sensor_intake import SensorIntake
 from heightmap25d_ros.pipelines.silence import LOCALIZATION, Silence
@@ -52,28 +53,11 @@ def compile_kernels(params: Params) -> None:
 
     It takes seconds when nothing is cached: too long for a node whose messages queue up.
     """
-    pose_interpolation.compile_kernels()
     if params.intake.cloud_topics:
         cloud.compile_kernels()
-    scratch = HeightGrid(replace(params.grid, extent=_SCRATCH_EXTENT), levels=params.levels)
-    beam = np.array([[0.0, 0.0, 1.0]])
-    Mapper(scratch, params.sensor, params.mapper).integrate(
-        sensor_model.Beams(
-            origins=beam, ends=beam + 1.0, is_hit=np.ones(1, bool), is_lone=np.zeros(1, bool)
-        )
-    )
-    LocalizationLayers(scratch).integrate(
-        sensor_model.Beams(
-            origins=beam, ends=beam, is_hit=np.ones(1, bool), is_lone=np.zeros(1, bool)
-        )
-    )
-    DropOffs(scratch, params.traversability, params.mapper.probability_threshold).integrate(
-        sensor_model.Beams(
-            origins=beam, ends=beam + 1.0, is_hit=np.ones(1, bool), is_lone=np.zeros(1, bool)
-        )
-    )
-    obstacles = ObstacleGrid(scratch.geometry, params.traversability)
-    obstacles.update(scratch, params.mapper.probability_threshold)
+    scratch = Mapping(replace(params, grid=replace(params.grid, extent=_SCRATCH_EXTENT)))
+    scratch.merge(scan_queue.sample_reading())
+    scratch.maps()
 
 
 _BYTES_OF_CELL = 4  # height and probability
@@ -384,6 +368,8 @@ class Mapping(SensorIntake[Reading]):
 
     def _known(self, readings: list[Reading]) -> list[Reading]:
         """The readings of a known pose in the map; the others are counted."""
+        if not readings:
+            return readings
         if self._is_lost:
             self.dropped.record("scan: localization is lost", count=len(readings))
             return []

@@ -17,7 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heightmap25d_ros import se3
+from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.io.decode import Odometry
+from heightmap25d_ros.kernels import kernel
 from heightmap25d_ros.params.sections import OdometryParams
 from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.odometry_gate import SKIPPED
@@ -63,8 +65,7 @@ class OdometrySpikes:
         if self._last is None or self._velocity is None or self._is_long_after(odometry):
             return [*self.finish(), *self._use(odometry, state)]
         seconds = (odometry.stamp_ns - self._last[0]) * 1e-9
-        expected = self._last[1] + seconds * self._velocity
-        deviation = _grouped(_difference(state, expected))
+        deviation = _deviation(state, self._last[1], seconds, self._velocity)
         if not self._waiting:
             usual = np.maximum(_FLOOR + _ACCELERATION * seconds**2, _NOISE * self._noise)
             self._limit = _IS_BACK * usual * (deviation / usual).max()
@@ -89,10 +90,10 @@ class OdometrySpikes:
     def _use(self, odometry: Odometry, state: NDArray[np.float64]) -> list[Odometry]:
         if self._last is not None and odometry.stamp_ns > self._last[0]:
             seconds = (odometry.stamp_ns - self._last[0]) * 1e-9
-            velocity = _difference(state, self._last[1]) / seconds
-            share = min(seconds / _VELOCITY_TIME, 1.0)
-            before = velocity if self._velocity is None else self._velocity
-            self._velocity = before + share * (velocity - before)
+            is_first = self._velocity is None
+            share = 1.0 if is_first else min(seconds / _VELOCITY_TIME, 1.0)
+            before = np.zeros(len(state)) if is_first else self._velocity
+            self._velocity = _averaged(before, state, self._last[1], seconds, share)
         self._last = odometry.stamp_ns, state
         return [odometry]
 
@@ -116,14 +117,25 @@ def _state(T: se3.Matrix) -> NDArray[np.float64]:
     return np.array([*T[:3, 3], *T[:3, 2], math.atan2(T[1, 0], T[0, 0])])
 
 
-def _difference(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """``a - b``, the yaw within half a turn."""
+@kernel
+def _deviation(state: Array, last: Array, seconds: float, velocity: Array) -> Array:
+    """(4,), as `_FLOOR`: how far a state is from where another one leads in so many seconds."""
+    away = _difference(state, last + seconds * velocity)
+    x, y, z, axis_x, axis_y, axis_z, yaw = away
+    tilt = math.sqrt(axis_x * axis_x + axis_y * axis_y + axis_z * axis_z)
+    return np.array([math.hypot(x, y), abs(z), tilt, abs(yaw)])
+
+
+@kernel
+def _averaged(velocity: Array, state: Array, last: Array, seconds: float, share: float) -> Array:
+    """(7,): a mean velocity, of which that between two states becomes a share."""
+    latest: Array = _difference(state, last) / seconds
+    return velocity + share * (latest - velocity)
+
+
+@kernel
+def _difference(a: Array, b: Array) -> Array:
+    """(7,): ``a - b``, the yaw within half a turn."""
     difference = a - b
-    difference[_YAW] = math.remainder(difference[_YAW], 2.0 * math.pi)
+    difference[_YAW] -= 2.0 * math.pi * np.rint(difference[_YAW] / (2.0 * math.pi))
     return difference
-
-
-def _grouped(difference: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(4,), as `_FLOOR`."""
-    x, y, z, *axis, yaw = difference.tolist()
-    return np.array([math.hypot(x, y), abs(z), math.hypot(*axis), abs(yaw)])

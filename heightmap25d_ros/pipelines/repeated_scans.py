@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heightmap25d_ros import se3
+from heightmap25d_ros.kernels import kernel
 
 _NOISY = 20  # scans in a row that differ from the one before: of a laser with noise
 _DIFFERENT = 0.5  # share of the ranges that differ in them
@@ -41,11 +42,31 @@ class RepeatedScans:
         if before is None or len(before.ranges) != len(ranges):
             self._newest[topic] = _Newest(ranges, T_odom_base)
             return False
-        is_same = (before.ranges == ranges) | (np.isnan(before.ranges) & np.isnan(ranges))
-        if not is_same.all():
-            is_new = np.count_nonzero(~is_same) > _DIFFERENT * np.count_nonzero(np.isfinite(ranges))
-            different = before.different + 1 if is_new else 0
+        new, finite = difference(before.ranges, ranges)
+        if new:
+            different = before.different + 1 if new > _DIFFERENT * finite else 0
             self._newest[topic] = _Newest(ranges, T_odom_base, different)
             return False
         has_moved = np.abs(T_odom_base - before.T_odom_base).max() > _MOVED
-        return bool(before.different >= _NOISY and has_moved and np.isfinite(ranges).any())
+        return bool(before.different >= _NOISY and has_moved and finite)
+
+
+def difference(before: NDArray[np.float32], after: NDArray[np.float32]) -> tuple[int, int]:
+    """How many values of an array differ from those of one before, and how many are finite.
+
+    NaN is the same as NaN; arrays of other shapes differ in all.
+    """
+    if before.shape != after.shape:
+        return after.size, int(np.isfinite(after).sum())
+    found: tuple[int, int] = _difference(before.reshape(-1), after.reshape(-1))
+    return found
+
+
+@kernel
+def _difference(before: NDArray[np.float32], after: NDArray[np.float32]) -> tuple[int, int]:
+    different = finite = 0
+    for i in range(len(after)):
+        is_same = before[i] == after[i] or (np.isnan(before[i]) and np.isnan(after[i]))
+        different += not is_same
+        finite += np.isfinite(after[i])
+    return different, finite

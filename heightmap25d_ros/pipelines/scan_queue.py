@@ -23,7 +23,8 @@ from heightmap25d_ros.io import decode, point_cloud
 from heightmap25d_ros.io.decode import Odometry, Transform
 from heightmap25d_ros.mapping import sensor_model
 from heightmap25d_ros.mapping.cloud import Cloud, cloud_beams
-from heightmap25d_ros.mapping.sensor_model import Beams, Scan
+from heightmap25d_ros.mapping.scan import Scan
+from heightmap25d_ros.mapping.sensor_model import Beams
 from heightmap25d_ros.params import sources
 from heightmap25d_ros.params.sections import IntakeParams, OdometryParams, Params
 from heightmap25d_ros.pipelines.drops import Drops
@@ -35,6 +36,7 @@ from heightmap25d_ros.pipelines.repeated_scans import RepeatedScans
 from heightmap25d_ros.pipelines.robot_pose import robot_pose
 from heightmap25d_ros.pipelines.silence import ODOMETRY, Silence
 from heightmap25d_ros.pipelines.transform_buffer import JUMP_BACK_NS, Missing, TransformBuffer
+from heightmap25d_ros.pose_interpolation import span
 
 _MOST_FRAMES = 1000  # without mount that are remembered: each scan may name a new one
 
@@ -68,6 +70,27 @@ class Reading:
         return sensor_model.beams(self.scan, *poses, sensor, lone_return)
 
 
+def sample_reading() -> Reading:
+    """A scan and its poses through a queue; it compiles all that this needs, or loads it."""
+    queue = ScanQueue(IntakeParams(scan_topics=("scan",), mounts=(0.0,) * 6))
+    base_frame, readings = IntakeParams().base_frame, []
+    for stamp_ns in range(0, 10**9, 10**8):
+        T = se3.from_quaternion([0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0])
+        readings += queue.add_odometry(
+            Odometry(stamp_ns=stamp_ns, frame_id="odom", child_frame_id=base_frame, T=T)
+        )
+        ranges = np.full(3, 1.0, np.float32)
+        scan = Scan(
+            stamp_ns=stamp_ns,
+            angle_min=0.0,
+            angle_increment=0.1,
+            time_increment=1e-3,
+            ranges=ranges,
+        )
+        readings += queue.add_scan("scan", scan)
+    return readings[0]
+
+
 @dataclass(frozen=True, slots=True)
 class _Waiting:
     """A scan or a cloud in the queue, which is sorted by (stamp, topic)."""
@@ -75,6 +98,7 @@ class _Waiting:
     topic: str
     scan: Scan | Cloud
     beam_stamps_ns: NDArray[np.int64]
+    first_ns: int
     last_ns: int
 
     @property
@@ -194,15 +218,16 @@ class ScanQueue:
         """Add a scan of one of ``scan_topics``, or a cloud of one of ``cloud_topics``."""
         if topic not in self._params.source_topics:
             raise ValueError(f"{topic} is not one of the topics {self._params.source_topics}")
-        self.watch.observe_scan(topic, scan)
+        stamps = scan.beam_stamps_ns()
+        first_ns, last_ns = span(stamps)
+        self.watch.observe_scan(topic, scan, last_ns - first_ns)
         newest = self._newest_ns.get(topic, scan.stamp_ns)
         if scan.stamp_ns < newest - JUMP_BACK_NS:
             self._forget_waiting([topic], after_ns=scan.stamp_ns)
             newest = scan.stamp_ns
         self._newest_ns[topic] = max(newest, scan.stamp_ns)
 
-        stamps = scan.beam_stamps_ns()
-        waiting = _Waiting(topic, scan, stamps, int(stamps.max()))
+        waiting = _Waiting(topic, scan, stamps, first_ns, last_ns)
         released = self._released_ns.get(topic, -1)
         if scan.stamp_ns < released:
             self.dropped.record(f"{scan.KIND}: out of order")
@@ -329,7 +354,7 @@ class ScanQueue:
 
     def _reading(self, waiting: _Waiting) -> Reading | _LookupFailure:
         stamps, base_frame = waiting.beam_stamps_ns, self._params.base_frame
-        begin = int(stamps.min())
+        begin = waiting.first_ns
         if self.gate.is_torn(begin, waiting.last_ns):
             return _LookupFailure(Missing.TORN, "the odometry")
         T_odom_base = self._odometry.lookup(self._odom_frame, base_frame, stamps)
@@ -345,7 +370,7 @@ class ScanQueue:
         return Reading(
             topic=waiting.topic,
             scan=waiting.scan,
-            T_map_base=self.correction.T_map_odom(begin) @ T_odom_base,
+            T_map_base=se3.compose(self.correction.T_map_odom(begin)[None], T_odom_base),
             T_base_sensor=mount,
         )
 

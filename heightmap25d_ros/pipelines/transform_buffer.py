@@ -23,7 +23,7 @@ from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.io import decode
 from heightmap25d_ros.io.decode import Transform
 from heightmap25d_ros.pipelines.drops import Drops
-from heightmap25d_ros.pose_interpolation import interpolate
+from heightmap25d_ros.pose_interpolation import interpolate, span
 
 DEEPEST = 100
 """Frames above one another; what lies farther up is not looked at."""
@@ -34,6 +34,8 @@ MOST_FRAMES = 1000
 _SAME = 1e-3  # [m, 1] up to which two transforms say the same
 
 _KEPT = 64  # transforms of a frame that nobody has asked for
+
+_IDENTITY = np.eye(4)[None]
 
 JUMP_BACK_NS = 1_000_000_000
 """A stamp this far [ns] before the newest one means that time started over (a bag that loops)."""
@@ -75,20 +77,20 @@ class _Edge:
     def at(self, query_ns: NDArray[np.int64], max_gap_ns: int) -> se3.Matrix | Missing:
         if self.is_static:
             return self.poses[0][None]
-        first, last = int(query_ns.min()), int(query_ns.max())
+        first, last = span(query_ns)
         if first < self.stamps[0]:
             return Missing.TOO_EARLY
         if last > self.stamps[-1]:
             return Missing.NOT_YET
         around = slice(bisect_right(self.stamps, first) - 1, bisect_left(self.stamps, last) + 1)
         stamps = np.array(self.stamps[around])
-        too_wide = np.diff(stamps) > max_gap_ns
-        if too_wide.any():
+        if (stamps[1:] - stamps[:-1]).max(initial=0) > max_gap_ns:
+            too_wide = np.diff(stamps) > max_gap_ns
             after = np.searchsorted(stamps, query_ns)
             between = stamps[after] != query_ns
             if too_wide[after[between] - 1].any():
                 return Missing.GAP
-        return interpolate(stamps, np.stack(self.poses[around]), query_ns)
+        return interpolate(stamps, np.array(self.poses[around]), query_ns)
 
 
 class TransformBuffer:
@@ -114,6 +116,7 @@ class TransformBuffer:
         self._max_gap_ns = round(max_gap * 1e9)
         self._history_ns = round(history * 1e9)
         self._edges: dict[str, _Edge] = {}
+        self._paths: dict[tuple[str, str], tuple[list[_Edge], list[_Edge]]] = {}  # looked up before
         self._missed: set[str] = set()  # frames that were asked for, and have no parent yet
         self._unread: dict[str, deque[Any]] = {}
         self._contradicted: set[str] = set()  # static frames, of which that has been told
@@ -204,6 +207,7 @@ class TransformBuffer:
                     faults.append(f"transform {transform.parent} -> {child}: {fault}")
                     continue
                 edge = self._edges[child] = _Edge(transform.parent, is_static=is_static)
+                self._paths.clear()
                 self._missed.discard(child)
                 self._unread.pop(child, None)
             edge.add(transform.stamp_ns, transform.T, self._history_ns)
@@ -247,6 +251,7 @@ class TransformBuffer:
             weaker = [frame for frame, stamp in moving.items() if before.get(frame) == stamp]
         for frame in weaker:
             parent = self._edges.pop(frame).parent
+            self._paths.clear()
             self._dropped.record(
                 "transforms: closed a loop with a better one", f"{parent} -> {frame}"
             )
@@ -259,11 +264,13 @@ class TransformBuffer:
             for child, edge in self._edges.items()
             if edge.is_static or edge.stamps[-1] <= stamp_ns
         }
+        self._paths.clear()
         self._unread.clear()
 
     def clear(self) -> None:
         """Forget all frames."""
         self._edges.clear()
+        self._paths.clear()
 
     def lookup(
         self, target: str, source: str, stamps_ns: NDArray[np.int64]
@@ -280,17 +287,28 @@ class TransformBuffer:
         (N, 4, 4) float64, or (1, 4, 4) where nothing moves, or Missing
             A `Missing` that time can mend (`NOT_YET`) only where none is final.
         """
+        path = self._paths.get((target, source)) or self._path(target, source)
+        if path is None:
+            return Missing.UNCONNECTED
+        T_common_source, T_common_target = (self._along(edges, stamps_ns) for edges in path)
+        if isinstance(T_common_source, Missing) or isinstance(T_common_target, Missing):
+            return _final_first([T_common_source, T_common_target])
+        if not path[1]:
+            return T_common_source
+        return se3.compose(se3.inverse(T_common_target), T_common_source)
+
+    def _path(self, target: str, source: str) -> tuple[list[_Edge], list[_Edge]] | None:
+        """From the common ancestor of two frames down to the source, and to the target."""
         above_source, above_target = self._upward(source), self._upward(target)
         common = next((frame for frame in above_source if frame in above_target), None)
         if common is None:
-            return Missing.UNCONNECTED
-        T_common_source = self._down_to(above_source, common, stamps_ns)
-        T_common_target = self._down_to(above_target, common, stamps_ns)
-        if isinstance(T_common_source, Missing) or isinstance(T_common_target, Missing):
-            return _final_first([T_common_source, T_common_target])
-        if target == common:
-            return T_common_source
-        return np.asarray(se3.inverse(T_common_target) @ T_common_source)
+            return None
+        to_source, to_target = (
+            [self._edges[frame] for frame in reversed(frames[: frames.index(common)])]
+            for frames in (above_source, above_target)
+        )
+        self._paths[target, source] = to_source, to_target
+        return to_source, to_target
 
     def chain(self, target: str, source: str) -> list[str]:
         """The frames whose poses in their parents lie between two frames; none if unconnected."""
@@ -331,16 +349,13 @@ class TransformBuffer:
         self._decoded(unread, is_static=False, is_displacing=False)
         return self._edges.get(frame)
 
-    def _down_to(
-        self, frames: list[str], ancestor: str, stamps_ns: NDArray[np.int64]
-    ) -> se3.Matrix | Missing:
-        """Pose of the first of the frames, which lead upward, in one of its ancestors."""
-        downward = reversed(frames[: frames.index(ancestor)])
-        outcomes = [self._edges[frame].at(stamps_ns, self._max_gap_ns) for frame in downward]
+    def _along(self, edges: list[_Edge], stamps_ns: NDArray[np.int64]) -> se3.Matrix | Missing:
+        """Pose of the last frame of a path downward in the parent of its first one."""
+        outcomes = [edge.at(stamps_ns, self._max_gap_ns) for edge in edges]
         poses = [T for T in outcomes if not isinstance(T, Missing)]
         if len(poses) < len(outcomes):
             return _final_first(outcomes)
-        return reduce(np.matmul, poses) if poses else np.eye(4)[None]
+        return reduce(se3.compose, poses) if poses else _IDENTITY
 
 
 def _final_first(outcomes: Sequence[se3.Matrix | Missing]) -> Missing:

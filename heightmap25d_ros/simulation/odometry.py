@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from math import radians
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
@@ -106,8 +105,7 @@ class Odometer:
         climb = -known_way * np.sin(tilt[1])
         self._position += (level * np.cos(middle), level * np.sin(middle), climb)
         self._yaw += known_turn
-        rotation = Rotation.from_euler("xyz", [*tilt, self._yaw])
-        self.T = se3.from_rotation(self._position, rotation)
+        self.T = se3.from_xyz_rpy([*self._position, *tilt, self._yaw])
         return self.T
 
     def _wander(self, error: Array, sigma: float, passed: float) -> Array:

@@ -18,7 +18,7 @@ from repository import ROOT
 from rosbags.serde import SerdeError
 
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.io import decode, layers_file, map_directory, point_cloud, tf_bytes
+from heightmap25d_ros.io import decode, layers_file, map_directory, message_bytes, point_cloud
 from heightmap25d_ros.io.bag import Bag
 from heightmap25d_ros.io.trajectory import read_tum, write_tum
 from heightmap25d_ros.params import files as parameter_files
@@ -132,7 +132,7 @@ def parameter_seeds() -> list[bytes]:
 
 TARGETS: dict[str, tuple[Callable[[bytes], object], Callable[[], list[bytes]]]] = {
     "messages": (read_message, message_seeds),
-    "transforms": (tf_bytes.tf_message, transform_seeds),
+    "transforms": (message_bytes.tf_message, transform_seeds),
     "parameters": (read_parameters, parameter_seeds),
     "trajectories": (read_trajectory, lambda: [trajectory_seed()]),
     "maps": (read_height_grid, lambda: [(MAP / _HEIGHT_GRID).read_bytes()]),

@@ -12,7 +12,8 @@ from properties import draws
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.mapping.cloud import KNOT_NS, Cloud, cloud_beams
-from heightmap25d_ros.mapping.sensor_model import Scan, beams, lone_returns
+from heightmap25d_ros.mapping.scan import Scan
+from heightmap25d_ros.mapping.sensor_model import beams, lone_returns
 from heightmap25d_ros.params.sections import CloudParams, SensorParams
 
 UP = SensorParams(max_height=100.0, min_height=-100.0)

@@ -18,7 +18,8 @@ from heightmap25d_ros.grid.height_map import SUSPECTED, Area, HeightMap
 from heightmap25d_ros.io import decode, encode, map_directory
 from heightmap25d_ros.mapping.drop_offs import DropOffs
 from heightmap25d_ros.mapping.mapper import Mapper
-from heightmap25d_ros.mapping.sensor_model import Scan, beams, voids
+from heightmap25d_ros.mapping.scan import Scan
+from heightmap25d_ros.mapping.sensor_model import beams, voids
 from heightmap25d_ros.params.sections import MapperParams, PlannerParams, TraversabilityParams
 from heightmap25d_ros.planning.plan import Pose2D
 from heightmap25d_ros.planning.planner import Planner

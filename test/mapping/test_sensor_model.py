@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.mapping.sensor_model import Scan, beams, lone_returns, no_returns
+from heightmap25d_ros.mapping.scan import Scan
+from heightmap25d_ros.mapping.sensor_model import beams, lone_returns, no_returns
 from heightmap25d_ros.params.sections import SensorParams
 
 LEVEL = se3.from_xyz_rpy([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0]])

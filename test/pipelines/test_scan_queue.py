@@ -22,7 +22,7 @@ from heightmap25d_ros import se3
 from heightmap25d_ros.io import decode
 from heightmap25d_ros.io.bag import Bag
 from heightmap25d_ros.io.decode import Odometry, Transform
-from heightmap25d_ros.mapping.sensor_model import Scan
+from heightmap25d_ros.mapping.scan import Scan
 from heightmap25d_ros.params.sections import IntakeParams
 from heightmap25d_ros.pipelines.scan_queue import ScanQueue
 

@@ -9,7 +9,8 @@ import pytest
 from heightmap25d_ros import se3
 from heightmap25d_ros.grid.height_grid import HeightGrid
 from heightmap25d_ros.mapping.mapper import Mapper
-from heightmap25d_ros.mapping.sensor_model import Scan, beams
+from heightmap25d_ros.mapping.scan import Scan
+from heightmap25d_ros.mapping.sensor_model import beams
 from heightmap25d_ros.params.sections import GridParams, MapperParams, SensorParams
 
 ANGLES = np.radians(np.arange(-90, 90.5, 0.5))
