@@ -259,18 +259,20 @@ def test_initial_pose_searches_as_far_as_its_covariance(start, room):
     narrow[(0, 1, 5), (0, 1, 5)] = 0.05**2, 0.05**2, 0.02**2
     params = with_values(PARAMS, {"localization.relocalize_when_lost": False})
     ends = {}
-    for name, covariance in (("wide", wide), ("narrow", narrow)):
+    cases = ("wide", wide, np.inf), ("in slices", wide, 0.002), ("narrow", narrow, np.inf)
+    for name, covariance, search_slice in cases:
 
         def begin(localizer, covariance=covariance):
             localizer.take_initial_pose(
                 initial_pose((x + 0.6, y - 0.5, 0.0), yaw + 0.1, covariance)
             )
 
-        driven = drive(start, room, params=params, begin=begin)
+        driven = drive(start, room, params=params, begin=begin, search_slice=search_slice)
         searches = [a for a in driven.attempts if a.kind is Kind.TRACKING]
         ends[name] = driven.errors(start)[-1, 0], searches[0].registration.is_accepted
-    assert ends["wide"][1]
-    assert ends["wide"][0] <= 0.06
+    for name in ("wide", "in slices"):
+        assert ends[name][1]
+        assert ends[name][0] <= 0.06
     assert not ends["narrow"][1]
 
 
