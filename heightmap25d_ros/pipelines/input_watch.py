@@ -90,7 +90,9 @@ class _Rhythm:
         """How many scans are missing before the next one; none of a laser without a rhythm."""
         time_ns, self.stamp_ns = stamp_ns - self.stamp_ns, stamp_ns
         lost = round(time_ns / self.period_ns) - 1 if self.period_ns else 0
-        is_known = self.steady >= _STEADY and self.odd < _STEADY and lost >= 0
+        away = abs(time_ns - (lost + 1) * self.period_ns)
+        is_whole = away <= (_SAME_PERIOD + _PERIOD_SHARE * max(lost, 0)) * self.period_ns
+        is_known = self.steady >= _STEADY and self.odd < _STEADY and lost >= 0 and is_whole
         if is_known:
             self.odd = self.odd + 1 if lost else 0
             self.period_ns += 0.0 if lost else _PERIOD_SHARE * (time_ns - self.period_ns)
