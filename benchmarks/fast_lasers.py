@@ -5,9 +5,9 @@
     python benchmarks/fast_lasers.py
 
 The drive of bags/ramp with three beams for each one of its lasers, each scan twice (with noise of
-its own) and each pose four times, as serialized messages. What a node does with them but for DDS and rclpy's executor, which
-take as long for each message whatever is in it; by the CPU time of this process, as the machine
-may be busy.
+its own) and each pose four times, as serialized messages. What a node does with them but for DDS
+and rclpy's executor, which take as long for each message whatever is in it; by the CPU time of this
+process, as the machine may be busy.
 """
 
 from __future__ import annotations
