@@ -37,6 +37,7 @@ setup(
     ],
     extras_require={
         "simulation": ["mujoco >= 3.5, < 4"],
+        "dask": ["distributed >= 2024.8"],
         "geotiff": ["rasterio >= 1.4, < 2"],
         "view": ["rerun-sdk >= 0.23.1, < 0.42"],
         "test": ["pytest"],  # has colcon test run pytest

@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The mapping node, noting when each scan was merged: measured_node.py FILE events|default"""
+"""The mapping node, noting when each scan was merged.
+
+measured_node.py FILE events|default [ROS arguments]
+"""
 
 import json
 import sys
@@ -11,6 +14,8 @@ from rclpy.executors import SingleThreadedExecutor
 
 from heightmap25d_ros.nodes import mapping, runtime
 from heightmap25d_ros.pipelines.mapping import Mapping
+
+LASERS = ["-p", "intake.scan_topics:=[scan, scan_down]"]
 
 merged: dict[str, float] = {}
 made: list[Mapping] = []
@@ -35,6 +40,6 @@ if __name__ == "__main__":
         runtime.EventsExecutor = SingleThreadedExecutor  # what rclpy.spin() takes
     runtime.run(
         mapping.MappingNode,
-        ["measured_node", "--ros-args", "-p", "intake.scan_topics:=[scan, scan_down]"],
+        ["measured_node", "--ros-args", *(sys.argv[3:] or LASERS)],
     )
     file.write_text(json.dumps({"merged": merged, "dropped": made[0].dropped.total()}))

@@ -13,6 +13,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import clouds
+import clouds_node
 import conversion
 import fast_lasers
 import localization
@@ -41,6 +42,8 @@ TARGETS = {
     ("conversion", "scipy_max_min_per_step_obstacles"): (">=", 50.0),
     ("conversion", "step_obstacles_per_one_pass"): ("<=", 4.0),
     ("conversion", "convert_per_update_block"): (">=", 80.0),
+    ("clouds node", "clouds not merged"): ("<=", 1.0),
+    ("clouds node", "messages dropped"): ("<=", 0.0),
     ("node", "nobody listens: scans not merged"): ("<=", 1.0),
     ("node", "nobody listens: messages dropped"): ("<=", 0.0),
     ("node", "four maps at 2 Hz: scans not merged"): ("<=", 1.0),
@@ -85,6 +88,7 @@ def main() -> None:
         "localization": localization.measure(),
         "fast lasers": fast_lasers.measure(),
         "node": node.measure(),
+        "clouds node": clouds_node.measure(),
         "planning node": planning_node.measure(),
         "localization node": localization_node.measure(),
         "map updates": map_updates.measure(),

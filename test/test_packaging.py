@@ -45,13 +45,14 @@ STOREYS = [
 ]
 ROOMS = [room for storey in STOREYS for room in storey]
 
-# rosdep's name of what is imported under another name; rosbags and the extras, mujoco, rasterio and
-# rerun, have none, llvmlite comes with numba, lz4 and zstd (backports, or compression from Python
-# 3.14 on) with rosbags, and grid_map_msgs, map_msgs and nav2_msgs are used where they are.
+# rosdep's name of what is imported under another name; rosbags and the extras, distributed, mujoco,
+# rasterio and rerun, have none, llvmlite comes with numba, lz4 and zstd (backports, or compression
+# from Python 3.14 on) with rosbags; grid_map_msgs, map_msgs and nav2_msgs are used where they are.
 ROSDEP_KEYS = {
     "argcomplete": "python3-argcomplete",
     "backports": None,
     "compression": None,
+    "distributed": None,
     "grid_map_msgs": None,
     "llvmlite": None,
     "lz4": None,

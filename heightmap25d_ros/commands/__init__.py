@@ -9,7 +9,7 @@ A module adds its command to the parser (``add_to``) and runs it; `common` has w
 SUMMARIES = {
     "map": "a map directory from bags",
     "localize": "the pose of a bag, held to a map",
-    "slam": "a map directory from a bag whose poses drift",
+    "slam": "a map directory from bags whose poses drift",
     "merge": "one map directory of several of one place",
     "plan": "a path over a map directory",
     "explain": "why a cell is occupied, dear or unknown",

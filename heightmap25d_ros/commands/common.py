@@ -19,10 +19,7 @@ from heightmap25d_ros.io import map_directory
 from heightmap25d_ros.io.bag import Bag
 from heightmap25d_ros.params import files
 from heightmap25d_ros.params.sections import Params
-from heightmap25d_ros.pipelines.localization import Localizer
-from heightmap25d_ros.pipelines.mapping import Mapping
 from heightmap25d_ros.pipelines.replay import with_sources
-from heightmap25d_ros.pipelines.slam import Slam
 from heightmap25d_ros.terrain.traversability import OCCUPIED, ObstacleMap
 
 Figures = dict[str, Any]
@@ -132,12 +129,10 @@ def read_bag_params(
     return with_sources(settings, bags, *chosen, is_named=is_named)
 
 
-def warn(pipeline: Mapping | Localizer | Slam) -> list[str]:
-    """Say what was wrong with the messages of a drive; the sentences."""
-    sentences = [*pipeline.dropped.notices, *map(str, pipeline.problems())]
+def warn(sentences: Sequence[str]) -> None:
+    """Say what was wrong with the messages of a drive."""
     for sentence in sentences:
         print(f"heightmap25d: warning: {sentence} (see docs/troubleshooting.md)", file=sys.stderr)
-    return sentences
 
 
 def figures_of(bags: Sequence[Bag]) -> Figures:
@@ -148,12 +143,6 @@ def figures_of(bags: Sequence[Bag]) -> Figures:
         "damaged": dict(sum((bag.damaged for bag in bags), Counter())),
         "other_types": dict(sum((bag.other_types for bag in bags), Counter())),
     }
-
-
-def nothing_of(bag: Bag, pipeline: Mapping | Localizer | Slam, told: str) -> InputError:
-    """What to say where nothing came of a bag, and why."""
-    reasons = [*map(str, pipeline.problems()), str(pipeline.dropped)]
-    return InputError("; ".join(filter(None, [f"{bag.path}: {told}", *reasons])))
 
 
 def cell_counts(height_map: HeightMap, obstacle_map: ObstacleMap) -> Figures:

@@ -63,4 +63,9 @@ def _poses(directory: Path) -> Figures:
         return {"poses": "known"}
     names = ("poses", "distance_m", "unobserved_m", "disagreed_m")
     outcomes = Counter(str(loop["outcome"]) for loop in report["loops"])
-    return {**{name: report[name] for name in names}, "loops": dict(outcomes)}
+    drives = [dict(drive) for drive in report.get("drives", [])]
+    return {
+        **{name: report[name] for name in names},
+        "loops": dict(outcomes),
+        **({"drives": {str(drive.pop("bag", "")): drive for drive in drives}} if drives else {}),
+    }

@@ -23,7 +23,6 @@ from heightmap25d_ros.commands.common import (
     add_topics,
     check_output,
     figures_of,
-    nothing_of,
     read_bag_params,
     require_map,
     warn,
@@ -106,8 +105,9 @@ def _localize(options: argparse.Namespace) -> Figures:
         truth = _truth(bag, settings)
         duration = bag.duration
     if not attempts:
-        raise nothing_of(bag, localizer, "nothing to register")
-    warnings = warn(localizer)
+        raise localizer.nothing_of(bag.path, "nothing to register")
+    warnings = localizer.noticed()
+    warn(warnings)
     T_map_odom = corrected[0][1] @ se3.inverse(odometry[0][1])
     odometry = [(stamp, T_map_odom @ T) for stamp, T in odometry]
     with atomic_directory.adding(options.output) as new:

@@ -22,7 +22,6 @@ from heightmap25d_ros.commands.common import (
     cell_counts,
     check_output,
     figures_of,
-    nothing_of,
     read_bag_params,
     require_map,
     warn,
@@ -85,7 +84,8 @@ def _map(options: argparse.Namespace) -> Figures:
         seconds = time.perf_counter() - began
     if not height_map.known.any():
         raise _nothing_mapped(bags[-1], mapping)
-    warnings = warn(mapping)
+    warnings = mapping.noticed()
+    warn(warnings)
     frame = settings.mapping.map_frame
     layers = mapping.layers(height_map.geometry)
     map_directory.save(options.output, height_map, obstacle_map, frame, trajectory, layers)
@@ -138,7 +138,7 @@ def _nothing_mapped(bag: Bag, mapping: Mapping) -> InputError:
     """Why nothing of a bag is in the map."""
     scans = mapping.merged["scans"]
     told = f"nothing could be mapped of {scans} scans" if scans else "no scan could be mapped"
-    return nothing_of(bag, mapping, told)
+    return mapping.nothing_of(bag.path, told)
 
 
 def _mapping_params(options: argparse.Namespace, bags: Sequence[Bag]) -> Params:

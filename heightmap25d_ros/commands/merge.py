@@ -8,8 +8,6 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from heightmap25d_ros import se3
 from heightmap25d_ros.commands.common import (
     Figures,
@@ -28,17 +26,10 @@ from heightmap25d_ros.io import (
     slam_file,
 )
 from heightmap25d_ros.params.sections import Params
-from heightmap25d_ros.slam.map_merge import Merged, merge_maps
-from heightmap25d_ros.slam.map_registration import (
-    MapRegistration,
-    Outcome,
-    RegisteredMap,
-    register_maps,
-)
+from heightmap25d_ros.slam.map_merge import Merged, merge_maps, register_all
+from heightmap25d_ros.slam.map_registration import MapRegistration, RegisteredMap
 from heightmap25d_ros.terrain.traversability import to_obstacle_map
 from heightmap25d_ros.viz import merge_figures
-
-_MOST_TOLD = 4  # places of an ambiguous map
 
 
 def add_to(commands: Any) -> None:
@@ -62,7 +53,8 @@ def _merge(options: argparse.Namespace) -> Figures:
     settings = read_params(options)
     check_output(options.output)
     maps = _loaded(options.maps, settings)
-    found = _registered(options.maps, maps, settings)
+    names = [str(path) for path in options.maps]
+    found = register_all(maps, names, settings)
     merged = merge_maps(maps, [r.T_fixed_moving for r in found], settings)
     report = _report(options.maps, found, merged)
     obstacles = to_obstacle_map(merged.height_map, settings.traversability)
@@ -70,7 +62,7 @@ def _merge(options: argparse.Namespace) -> Figures:
     map_directory.save(options.output, merged.height_map, obstacles, frame, (), merged.layers)
     with atomic_directory.adding(options.output) as new:
         merge_file.write(options.output, report, into=new)
-        merge_figures.overlap(new / "overlap.png", merged, [str(path) for path in options.maps])
+        merge_figures.overlap(new / "overlap.png", merged, names)
     return {
         "map": str(options.output),
         "merged": {source.pop("map"): source for source in report["maps"]},
@@ -95,58 +87,26 @@ def _loaded(paths: list[Path], settings: Params) -> list[RegisteredMap]:
     return maps
 
 
-def _registered(
-    paths: list[Path], maps: list[RegisteredMap], settings: Params
-) -> list[MapRegistration]:
-    """Where each map lies in the first one; one that fits nowhere waits for what others show."""
-    found = {0: MapRegistration(outcome=Outcome.REGISTERED, T_fixed_moving=np.eye(4))}
-    whole = maps[0]
-    while len(found) < len(maps):
-        refused: dict[int, MapRegistration] = {}
-        for number in (n for n in range(len(maps)) if n not in found):
-            result = register_maps(whole, maps[number], settings)
-            if result.outcome is Outcome.REGISTERED:
-                found[number] = result
-                placed = sorted(found)
-                merged = merge_maps(
-                    [maps[n] for n in placed], [found[n].T_fixed_moving for n in placed], settings
-                )
-                whole = RegisteredMap(merged.height_map, merged.layers, settings)
-                break
-            refused[number] = result
-        else:
-            number, result = next(iter(refused.items()))
-            others = ", ".join(str(paths[n]) for n in sorted(found))
-            raise InputError(f"{paths[number]}: not merged with {others}: {_told(result)}")
-    return [found[number] for number in range(len(maps))]
-
-
-def _told(refused: MapRegistration) -> str:
-    """Why a map was not registered."""
-    if refused.outcome is Outcome.NO_PLACE:
-        return f"{refused.outcome.value}, overlap with walls or steps is needed"
-    places = [se3.to_xyz_rpy(T) for T in (refused.T_fixed_moving, *refused.rivals)]
-    told = "; ".join(
-        f"x {p[0]:.1f} m, y {p[1]:.1f} m, yaw {p[5]:.2f} rad" for p in places[:_MOST_TOLD]
-    )
-    return f"{refused.outcome.value}: {told}{'; ...' if len(places) > _MOST_TOLD else ''}"
+def placing(found: MapRegistration, *, is_first: bool) -> dict[str, float]:
+    """Where a map lies in the first one, and how well it fits, for a report."""
+    x, y, z, _, _, yaw = (round(float(n), 4) for n in se3.to_xyz_rpy(found.T_fixed_moving))
+    pose = {"x_m": x, "y_m": y, "z_m": z, "yaw_rad": yaw}
+    if is_first:
+        return pose
+    return pose | {
+        "score": round(found.score), "agreeing": round(found.agreeing, 3),
+        "residual_m": round(found.residual, 4),
+    }  # fmt: skip
 
 
 def _report(paths: list[Path], found: list[MapRegistration], merged: Merged) -> dict[str, Any]:
     """What merge.json tells."""
-    maps: list[dict[str, Any]] = []
-    for path, registration in zip(paths, found, strict=True):
-        pose = se3.to_xyz_rpy(registration.T_fixed_moving)
-        x, y, z, _, _, yaw = (round(float(n), 4) for n in pose)
-        told = {
+    maps = [
+        {
             "map": str(path), "poses": "known" if slam_file.load(path) is None else "estimated",
-            "x_m": x, "y_m": y, "z_m": z, "yaw_rad": yaw,
-        }  # fmt: skip
-        if maps:
-            told["score"] = round(registration.score)
-            told["agreeing"] = round(registration.agreeing, 3)
-            told["residual_m"] = round(registration.residual, 4)
-        maps.append(told)
+            **placing(registration, is_first=not number),
+        } for number, (path, registration) in enumerate(zip(paths, found, strict=True))
+    ]  # fmt: skip
     return {
         "poses": "estimated" if any(m["poses"] == "estimated" for m in maps) else "known",
         "common_cells": int((merged.known_by > 1).sum()),

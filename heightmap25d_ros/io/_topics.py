@@ -12,12 +12,15 @@ from rosbags.interfaces import Connection, ConnectionExtRosbag2, Qos
 
 LASER_SCAN = "sensor_msgs/msg/LaserScan"
 POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
+LIVOX_CLOUD = "livox_ros_driver2/msg/CustomMsg"
+COMPRESSED_CLOUD = "point_cloud_interfaces/msg/CompressedPointCloud2"
+CLOUD_TYPES = (POINT_CLOUD, LIVOX_CLOUD, COMPRESSED_CLOUD)
 ODOMETRY = "nav_msgs/msg/Odometry"
 TF_MESSAGE = "tf2_msgs/msg/TFMessage"
 POSE = "geometry_msgs/msg/PoseStamped"
 POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 
-_READ = (LASER_SCAN, POINT_CLOUD, ODOMETRY, TF_MESSAGE)
+_READ = (LASER_SCAN, *CLOUD_TYPES, ODOMETRY, TF_MESSAGE)
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,6 +25,7 @@ from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.io._bag_files import open_files
 from heightmap25d_ros.io._definitions import learn
 from heightmap25d_ros.io._topics import (
+    CLOUD_TYPES,
     LASER_SCAN,
     ODOMETRY,
     POINT_CLOUD,
@@ -183,6 +184,15 @@ class Bag:
                 self._note_other(connection, message_type)
         if topic not in self.topics_of(message_type):
             self._warn(f"{self.path}: {topic} ({message_type}) holds no messages")
+
+    def cloud_topics(self) -> list[str]:
+        """All topics of clouds, of each of `CLOUD_TYPES`, sorted."""
+        return sorted({topic for kind in CLOUD_TYPES for topic in self.topics_of(kind)})
+
+    def cloud_type(self, topic: str) -> str:
+        """The type of the clouds of a topic; PointCloud2 where it has none."""
+        types = set(map(type_of, self._connections.get(topic, ())))
+        return next((kind for kind in CLOUD_TYPES if kind in types), POINT_CLOUD)
 
     def scan_topics(self) -> list[str]:
         """All LaserScan topics.

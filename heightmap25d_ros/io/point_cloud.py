@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""sensor_msgs/PointCloud2 into a `Cloud`, whatever its layout.
+"""Messages of point clouds into a `Cloud`: PointCloud2 in any layout, compressed ones, and Livox's.
 
 x, y and z may be float32 or float64, at any offset, of either endianness, with padding after each
 point and each row. Drivers name and scale the times of points in many ways: `_offsets_ns` decides.
@@ -8,13 +8,16 @@ point and each row. Drivers name and scale the times of points in many ways: `_o
 
 from __future__ import annotations
 
+import zlib
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from heightmap25d_ros.errors import InputError
+from heightmap25d_ros.io._compression import zstd
 from heightmap25d_ros.io.decode import frame_name, stamp_ns
 from heightmap25d_ros.mapping.cloud import Cloud
 
@@ -30,6 +33,8 @@ SHORTEST_SWEEP = 5e-4
 FARTHEST_STAMP = 1.0
 """Time from the stamp of a cloud to the nearest of its points [s]."""
 
+_MOST_BYTES = 64 * MOST_POINTS  # of a cloud that is compressed
+
 TIME_FIELDS = ("t", "time", "timestamp", "time_stamp", "offset_time", "time_offset")
 RING_FIELDS = ("ring", "channel", "line")
 
@@ -43,14 +48,76 @@ _ENOUGH_IN_LINES = 3  # points of a line without which it has no neighbours to s
 
 
 def cloud(message: Any) -> Cloud:
-    """`Cloud` of a sensor_msgs/PointCloud2.
+    """`Cloud` of a message of one of the types that a topic of clouds may have, by duck type.
 
     Raises
     ------
     InputError
         If it has no x, y or z of a floating-point type, its sizes contradict one another or the
-        number of bytes, or the times of its points contradict its stamp.
+        number of bytes, the times of its points contradict its stamp, or it is compressed in a way
+        that is not known.
     """
+    if hasattr(message, "timebase"):
+        return _livox(message)
+    if hasattr(message, "compressed_data"):
+        return _point_cloud(_inflated(message))
+    return _point_cloud(message)
+
+
+def _livox(message: Any) -> Cloud:
+    """Of a livox_ros_driver2/CustomMsg: times after ``timebase``, which the stamp is as well."""
+    stamp = stamp_ns(message.header)
+    frame_id = frame_name(message.header.frame_id, "header.frame_id")
+    points = message.points
+    if not 0 < len(points) <= MOST_POINTS or len(points) != int(message.point_num):
+        raise InputError(f"point_num: {int(message.point_num)}, with {len(points)} points")
+    columns = [
+        np.fromiter((getattr(p, name) for p in points), kind, len(points))
+        for name, kind in (("x", "f4"), ("y", "f4"), ("z", "f4"), ("offset_time", "i8"),
+                           ("line", "u2"))
+    ]  # fmt: skip
+    offsets = columns[3]
+    if offsets.max() - offsets.min() > LONGEST_SWEEP * 1e9 or offsets.min() > FARTHEST_STAMP * 1e9:
+        raise InputError(
+            f"offset_time: {offsets.min()} to {offsets.max()} ns are no sweep after the stamp"
+        )
+    return Cloud(
+        stamp_ns=stamp,
+        frame_id=frame_id,
+        points=np.stack(columns[:3], axis=1),
+        offsets_ns=offsets,
+        lines=columns[4],
+        has_gaps=True,
+        told="neighbours in rings (line); time of each point: offset_time, nanoseconds after the "
+        "stamp of the header",
+    )
+
+
+def _inflated(message: Any) -> Any:
+    """The PointCloud2 in a point_cloud_interfaces/CompressedPointCloud2, without loss."""
+    row = max(int(message.row_step), int(message.width) * int(message.point_step))
+    size = row * int(message.height)
+    if not 0 < size <= _MOST_BYTES:
+        raise InputError(f"row_step: {message.row_step} x {message.height} bytes are no cloud")
+    packed = np.asarray(message.compressed_data, np.uint8).tobytes()
+    try:
+        if message.format == "zlib":
+            data = zlib.decompressobj(wbits=zlib.MAX_WBITS | 32).decompress(packed, size)
+        elif message.format == "zstd":
+            data = zstd.ZstdDecompressor().decompress(packed, size)
+        else:
+            raise InputError(
+                f"format: {message.format[:40]!r} is not read, only zlib and zstd: set the "
+                "publisher's point_cloud_transport to one of them"
+            )
+    except (zlib.error, zstd.ZstdError) as error:
+        raise InputError(f"compressed_data: {message.format}: {error}") from None
+    fields = ("header", "height", "width", "fields", "is_bigendian", "point_step", "row_step")
+    values = {name: getattr(message, name) for name in fields}
+    return SimpleNamespace(**values, data=np.frombuffer(data, np.uint8))
+
+
+def _point_cloud(message: Any) -> Cloud:
     stamp = stamp_ns(message.header)
     frame_id = frame_name(message.header.frame_id, "header.frame_id")
     records = _Records(message)

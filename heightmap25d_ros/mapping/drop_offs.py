@@ -3,8 +3,8 @@
 """Drop-offs that are suspected in the shadow of an edge, before anybody has seen them.
 
 A beam that passes over an edge and ends beyond it proves that the ground in between lies below it.
-Where no ground that the robot can drive on does, the cells behind the edge are marked: no slope
-from the edge on may be as steep as ``max_slope``, no step as high as ``max_step``.
+Where it is soon lower than the edge by ``max_step`` or more, there may be a drop-off; there must be
+one where no ground fits below it that the robot can drive on, no slope of ``max_slope`` either.
 
 A beam that ends nowhere proves nothing: the ground is missing, or swallows light as water does. It
 tells of what may be a drop-off, where its neighbours do as well (`sensor_model.voids`).
@@ -28,12 +28,12 @@ from heightmap25d_ros.params.sections import TraversabilityParams
 
 _ONCE = SUSPECTED + 1  # in place of the height: one beam has told of a drop-off, not yet two
 _STRIDE = 0.25  # [cells] between the places of a beam that are looked at
-_LONGEST_SHADOW = 48  # [cells] between an edge and where a beam ends
-_REACH = 16  # [cells] beyond an edge that are judged by it
-_NEAR = 5  # [cells] the same of what may be a drop-off: farther on most ground is a gentle slope
+_LONGEST_SHADOW = 6.0  # [m] between an edge and where a beam ends
+_REACH = 2.0  # [m] beyond an edge that are judged by it
+_SOON = 0.625  # [m] the same of what may be a drop-off: farther on it mostly is a gentle slope
 _MARGIN = 1.0  # [cm] of noise that a drop exceeds its limit by
 _LEAST_SLOPE = 0.1  # of beams that tell of what may be a drop-off
-_BELOW = 8  # [cells] that a beam without return is followed beyond the ground that it missed
+_BELOW = 1.0  # [m] that a beam without return is followed beyond the ground that it missed
 
 
 class DropOffs:
@@ -62,7 +62,8 @@ class DropOffs:
             steepest * resolution / HEIGHT_RESOLUTION,
             max(steepest, _LEAST_SLOPE),
             stored_probability(probability_threshold),
-            _REACH if is_certain else _NEAR,
+            (_REACH if is_certain else _SOON) / resolution,
+            _LONGEST_SHADOW / resolution,
         )
 
     def integrate(self, beams: Beams) -> None:
@@ -70,7 +71,7 @@ class DropOffs:
         grid = self._grid
         ends = beams.ends
         if self._uses_voids and beams.is_void is not None and beams.is_void.any():
-            ends = _extended(beams.origins, ends, beams.is_void, _BELOW * grid.geometry.resolution)
+            ends = _extended(beams.origins, ends, beams.is_void, _BELOW)
         marked = _integrate(
             beams.origins, ends, beams.is_hit, beams.is_lone,
             (*grid.geometry.origin, grid.geometry.ground_zero), grid.geometry.resolution,
@@ -153,7 +154,7 @@ def _cell(beam, at):
 @inlined_kernel
 def _edge(beam, length, heights, probabilities, limits):
     """Distance [cells] of the known ground before the shadow in which a beam ends; 0: none."""
-    at, first = length, max(length - _LONGEST_SHADOW, 0.0)
+    at, first = length, max(length - limits[5], 0.0)
     while at > first:
         cell = _cell(beam, at)
         if probabilities[cell] >= limits[3]:
@@ -182,7 +183,7 @@ def _is_ground(beam, edge, heights, probabilities, limits):
 @inlined_kernel
 def _proof(beam, edge, length, heights, limits):
     """Distance [cells] at which a beam is too far below an edge for any ground; 0: nowhere."""
-    max_step, steepest, _, _, reach = limits
+    max_step, steepest, reach = limits[0], limits[1], limits[4]
     rim = np.float64(heights[_cell(beam, edge)])
     at = edge + _STRIDE
     while at <= min(length, edge + reach):

@@ -16,7 +16,6 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.qos import DurabilityPolicy, QoSCompatibility, qos_check_compatible
 from rclpy.subscription import Subscription
-from sensor_msgs.msg import LaserScan, PointCloud2
 
 from heightmap25d_ros.io.message_bytes import READERS
 from heightmap25d_ros.nodes.guard import Guard
@@ -40,7 +39,7 @@ PERIOD = 1.0
 SETTLED = 5.0
 """How long after its activation a node is given to hear everybody [s]."""
 
-_SCANS = LaserScan, PointCloud2
+_SCANS = "LaserScan", "PointCloud2", "CompressedPointCloud2", "CustomMsg"  # the last one Livox's
 _PAGE = os.sysconf("SC_PAGE_SIZE")
 
 
@@ -213,7 +212,9 @@ class Diagnostics:
         dropped = self._reporting.dropped
         observed = Observed(
             inputs=tuple(map(self._input, self._inputs)),
-            scans=sum(h.received for h in self._inputs if h.subscription.msg_type in _SCANS),
+            scans=sum(
+                h.received for h in self._inputs if h.subscription.msg_type.__name__ in _SCANS
+            ),
             dropped=Counter(dropped),
             clock_ns=self._clock_ns if is_simulated else None,
             flat_poses=self.flatness.poses,

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
-from sensor_msgs.msg import LaserScan, PointCloud2
+from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
@@ -20,6 +20,7 @@ from heightmap25d_ros.io import encode, layers_file, map_directory
 from heightmap25d_ros.localization.tracker import Attempt
 from heightmap25d_ros.localization.tracking_state import State
 from heightmap25d_ros.nodes import qos, runtime
+from heightmap25d_ros.nodes.cloud_source import cloud_inputs
 from heightmap25d_ros.nodes.interface import Input, Output, Service
 from heightmap25d_ros.nodes.lifecycle import ManagedNode
 from heightmap25d_ros.nodes.pose_source import pose_inputs
@@ -61,10 +62,6 @@ class LocalizationNode(ManagedNode):
             Input(LaserScan, topic, partial(self._on_scan, topic), qos.SCANS, is_needed=True)
             for topic in self.params.intake.scan_topics
         ]
-        clouds = [
-            Input(PointCloud2, topic, partial(self._on_cloud, topic), qos.CLOUDS, is_needed=True)
-            for topic in self.params.intake.cloud_topics
-        ]
         settings = self.params.localization
         long_term = Input(
             HeightGrid, "long_term_grid", self._localizer.take_long_term, qos.LATCHED,
@@ -72,7 +69,7 @@ class LocalizationNode(ManagedNode):
         )  # fmt: skip
         return [
             *scans,
-            *clouds,
+            *cloud_inputs(self.params, self._on_cloud),
             *pose_inputs(self.params.intake, self._on_odometry, self._on_transforms, self.flatness),
             Input(PoseWithCovarianceStamped, "initialpose", self._on_initial_pose, qos.QUEUE),
             *([] if settings.map_directory or settings.own_map else [long_term]),
@@ -149,7 +146,7 @@ class LocalizationNode(ManagedNode):
     def _on_scan(self, topic: str, message: LaserScan) -> None:
         self._publish(self._localizer.take_scan(topic, message))
 
-    def _on_cloud(self, topic: str, message: PointCloud2) -> None:
+    def _on_cloud(self, topic: str, message: Any) -> None:
         self._publish(self._localizer.take_cloud(topic, message))
 
     def _on_transforms(self, message: TFMessage, is_static: bool) -> None:

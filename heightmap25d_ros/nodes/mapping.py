@@ -13,7 +13,7 @@ from typing import Any
 
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
 from nav_msgs.srv import GetMap
-from sensor_msgs.msg import LaserScan, PointCloud2
+from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker
@@ -23,6 +23,7 @@ from heightmap25d_msgs.srv import Explain, LoadMap, SaveMap
 from heightmap25d_ros.errors import InputError, printable
 from heightmap25d_ros.io import encode, explanations, map_directory
 from heightmap25d_ros.nodes import map_transform, qos, runtime
+from heightmap25d_ros.nodes.cloud_source import cloud_inputs
 from heightmap25d_ros.nodes.interface import Input, Output, Service
 from heightmap25d_ros.nodes.lifecycle import REPORT_PERIOD, ManagedNode
 from heightmap25d_ros.nodes.map_publisher import MapPublisher
@@ -61,13 +62,9 @@ class MappingNode(ManagedNode):
             Input(LaserScan, topic, partial(self._on_scan, topic), qos.SCANS, is_needed=True)
             for topic in self.params.intake.scan_topics
         ]
-        clouds = [
-            Input(PointCloud2, topic, partial(self._on_cloud, topic), qos.CLOUDS, is_needed=True)
-            for topic in self.params.intake.cloud_topics
-        ]
         return [
             *scans,
-            *clouds,
+            *cloud_inputs(self.params, self._on_cloud),
             *pose_inputs(
                 self.params.intake, self._on_odometry, self._on_transforms, self.flatness
             ),
@@ -183,7 +180,7 @@ class MappingNode(ManagedNode):
     def _on_scan(self, topic: str, message: LaserScan) -> None:
         self._count(self._mapping.take_scan(topic, message))
 
-    def _on_cloud(self, topic: str, message: PointCloud2) -> None:
+    def _on_cloud(self, topic: str, message: Any) -> None:
         self._count(self._mapping.take_cloud(topic, message))
 
     def _on_odometry(self, message: Any) -> None:

@@ -188,7 +188,8 @@ class PlannerServer:
     def _is_path_valid(self, request: Any, response: Any) -> Any:
         invalid = self._planning.first_invalid(request.path)
         response.is_valid = invalid is None
-        response.invalid_pose_indices = [] if invalid is None else [invalid]
+        is_named = invalid is not None and len(request.path.poses) > 0
+        response.invalid_pose_indices = [invalid] if is_named else []
         return response
 
 

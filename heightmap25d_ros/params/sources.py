@@ -28,6 +28,13 @@ class SourceParams(SensorParams):
         (), "x, y, z, roll, pitch, yaw of the source in base_link; empty: as intake.mounts, "
         "intake.cloud_mounts or /tf have it", "m, rad",
     )  # fmt: skip
+    message_type: str = parameter(
+        "sensor_msgs/msg/PointCloud2", "of a topic of clouds, for nodes; bags tell it themselves",
+        choices=(
+            "sensor_msgs/msg/PointCloud2", "livox_ros_driver2/msg/CustomMsg",
+            "point_cloud_interfaces/msg/CompressedPointCloud2",
+        ),
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         SensorParams.__post_init__(self)
@@ -68,6 +75,12 @@ def mounts(params: Params) -> dict[str, tuple[float, ...]]:
     """Topic -> x, y, z, roll, pitch, yaw [m, rad], where that is set for one source."""
     found = {topic: sensor_of(params, topic) for topic in params.intake.source_topics}
     return {t: s.mount for t, s in found.items() if isinstance(s, SourceParams) and s.mount}
+
+
+def message_type(params: Params, topic: str) -> str:
+    """The type of the messages of a topic of clouds."""
+    sensor = sensor_of(params, topic)
+    return (sensor if isinstance(sensor, SourceParams) else SourceParams()).message_type
 
 
 def max_range(params: Params) -> float:

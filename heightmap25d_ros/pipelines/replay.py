@@ -14,7 +14,6 @@ from tqdm import tqdm
 from heightmap25d_ros.io.bag import (
     LASER_SCAN,
     ODOMETRY,
-    POINT_CLOUD,
     POSE,
     POSE_WITH_COVARIANCE,
     TF_MESSAGE,
@@ -115,7 +114,7 @@ def with_sources(
     """The parameters with lasers and 3-D lidars of these bags in them.
 
     The chosen ones, or those that the parameters name. Where they name none, all LaserScan topics
-    of the bags, or, where there is no such topic, all PointCloud2 topics.
+    of the bags, or, where there is no such topic, all topics of clouds.
 
     Parameters
     ----------
@@ -147,7 +146,7 @@ def with_sources(
             for topic in scan_topics:
                 bag.require(topic, LASER_SCAN)
             for topic in cloud_topics:
-                bag.require(topic, POINT_CLOUD)
+                bag.require(topic, bag.cloud_type(topic))
     else:
         scan_topics, cloud_topics = _all_sources(bags)
     values = {"intake.scan_topics": scan_topics, "intake.cloud_topics": cloud_topics}
@@ -155,12 +154,11 @@ def with_sources(
 
 
 def _all_sources(bags: Sequence[Bag]) -> tuple[list[str], list[str]]:
-    """The LaserScan topics of all bags, or else their PointCloud2 topics; each bag has some."""
-    for message_type in (LASER_SCAN, POINT_CLOUD):
-        of_bags = [bag.topics_of(message_type) for bag in bags]
-        if all(of_bags):
-            topics = sorted(set().union(*of_bags))
-            return (topics, []) if message_type == LASER_SCAN else ([], topics)
+    """The LaserScan topics of all bags, or else their topics of clouds; each bag has some."""
+    lasers = [bag.topics_of(LASER_SCAN) for bag in bags]
+    clouds = [bag.cloud_topics() for bag in bags]
+    if not all(lasers) and all(clouds):
+        return [], sorted(set().union(*clouds))
     return sorted({topic for bag in bags for topic in bag.scan_topics()}), []
 
 
@@ -216,7 +214,7 @@ def replayed(
     types = {odom_topic: pose_topic(bag, odom_topic, intake or IntakeParams())[1]}
     poses = TransformPoses(intake or IntakeParams()) if types[odom_topic] == TF_MESSAGE else None
     types |= dict.fromkeys(pipeline.scan_topics, LASER_SCAN)
-    types |= dict.fromkeys(pipeline.cloud_topics, POINT_CLOUD)
+    types |= {topic: bag.cloud_type(topic) for topic in pipeline.cloud_topics}
     types |= dict.fromkeys(transforms, TF_MESSAGE)
     static = bag.events([STATIC_TRANSFORMS], types) if STATIC_TRANSFORMS in transforms else ()
     # The first one of a frame comes last: it holds until another one comes in its turn.

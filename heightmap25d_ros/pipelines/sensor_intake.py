@@ -5,8 +5,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.params import sources
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.drops import Drops
@@ -62,6 +64,15 @@ class SensorIntake(ABC, Generic[_Outcome]):
     def problems(self) -> list[Finding]:
         """What was wrong with the messages of the whole drive, see `findings_of_drive`."""
         return findings_of_drive(self.watch, self.dropped)
+
+    def noticed(self) -> list[str]:
+        """All that was wrong with the messages of the whole drive, in sentences."""
+        return [*self.dropped.notices, *map(str, self.problems())]
+
+    def nothing_of(self, path: Path, told: str) -> InputError:
+        """What to say where nothing came of a bag, and why."""
+        reasons = [*map(str, self.problems()), str(self.dropped)]
+        return InputError("; ".join(filter(None, [f"{path}: {told}", *reasons])))
 
     def take_scan(self, topic: str, message: Any) -> list[_Outcome]:
         """Take a sensor_msgs/LaserScan of one of ``intake.scan_topics`` in."""

@@ -141,6 +141,8 @@ class SlamResult:
         Stamp [ns] of each scan, and pose of the robot: by odometry alone, and in the map.
     disagreed : float [m]
         Travelled where the map and the poses that it was made of disagree.
+    poses : list of ScanPose
+        Of the map that it was made with.
     """
 
     mapping: Mapping
@@ -148,6 +150,7 @@ class SlamResult:
     odometry: list[tuple[int, se3.Matrix]]
     trajectory: list[tuple[int, se3.Matrix]]
     disagreed: float
+    poses: list[ScanPose]
 
 
 def slam_bag(
@@ -183,25 +186,26 @@ def slam_bag(
     poses = slam.tracker.poses()
     mapping = Mapping(params)
     made = CorrectedMapping(mapping, poses, params)
-    _run(bag, made, odom_topic, params, stretch)
+    map_again(bag, made, odom_topic, params, stretch)
     height_map, _ = mapping.maps(np.inf)
     layers = mapping.layers(height_map.geometry)
     if height_map.known.any() and layers is not None:
         mapping = Mapping(params)
         made = CorrectedMapping(mapping, poses, params, landmarks_of(height_map, layers))
-        _run(bag, made, odom_topic, params, stretch)
+        map_again(bag, made, odom_topic, params, stretch)
     return SlamResult(
         mapping=mapping, slam=slam, odometry=odometry, trajectory=made.trajectory,
-        disagreed=made.disagreed,
+        disagreed=made.disagreed, poses=made.poses,
     )  # fmt: skip
 
 
-def _run(
+def map_again(
     bag: Bag,
     pipeline: CorrectedMapping,
     odom_topic: str,
     params: Params,
-    stretch: tuple[int, int] | None,
+    stretch: tuple[int, int] | None = None,
 ) -> None:
+    """Give a bag to a pipeline, whose scans must be as before; parameters are `slam_bag`'s."""
     for _ in replayed(bag, pipeline, odom_topic, params.intake, stretch):
         pass

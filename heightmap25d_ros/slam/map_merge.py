@@ -21,6 +21,7 @@ from scipy import ndimage
 
 from heightmap25d_ros import memory, se3
 from heightmap25d_ros.arrays import Array
+from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_map import (
     HEIGHT_LIMIT,
     HEIGHT_RESOLUTION,
@@ -33,9 +34,15 @@ from heightmap25d_ros.grid.height_map import (
 from heightmap25d_ros.grid.levels import UpperSurfaces
 from heightmap25d_ros.localization.layers import NAMES, LayerMap
 from heightmap25d_ros.params.sections import MapperParams, Params
-from heightmap25d_ros.slam.map_registration import RegisteredMap
+from heightmap25d_ros.slam.map_registration import (
+    MapRegistration,
+    Outcome,
+    RegisteredMap,
+    register_maps,
+)
 from heightmap25d_ros.slam.submaps import SubmapCells, cells_of, joined
 
+_MOST_TOLD = 4  # places of an ambiguous map
 _TOUCHING = 1e-6  # [cells] by which maps on the same cells may be off
 _BYTES_OF_CELL = 160  # layers and heights of the merged map, and what is between
 
@@ -76,6 +83,55 @@ class _Evidence:
     def cells(self) -> SubmapCells:
         """The cells."""
         return self._cells
+
+
+def register_all(
+    maps: Sequence[RegisteredMap], names: Sequence[str], params: Params
+) -> list[MapRegistration]:
+    """Where each map lies in the first one; one that fits nowhere waits for what others show.
+
+    Parameters
+    ----------
+    maps : sequence of RegisteredMap
+    names : sequence of str
+        Of the maps, for the error.
+    params : Params
+
+    Raises
+    ------
+    InputError
+        If one of them fits nowhere, or in several places.
+    """
+    found = {0: MapRegistration(outcome=Outcome.REGISTERED, T_fixed_moving=np.eye(4))}
+    whole = maps[0]
+    while len(found) < len(maps):
+        refused: dict[int, MapRegistration] = {}
+        for number in (n for n in range(len(maps)) if n not in found):
+            result = register_maps(whole, maps[number], params)
+            if result.outcome is Outcome.REGISTERED:
+                found[number] = result
+                placed = sorted(found)
+                poses = [found[n].T_fixed_moving for n in placed]
+                merged = merge_maps([maps[n] for n in placed], poses, params)
+                whole = RegisteredMap(merged.height_map, merged.layers, params)
+                break
+            refused[number] = result
+        else:
+            number, result = next(iter(refused.items()))
+            others = ", ".join(names[n] for n in sorted(found))
+            raise InputError(f"{names[number]}: not merged with {others}: {_told(result)}")
+    return [found[number] for number in range(len(maps))]
+
+
+def _told(refused: MapRegistration) -> str:
+    """Why a map was not registered."""
+    if refused.outcome is Outcome.NO_PLACE:
+        return f"{refused.outcome.value}, overlap with walls or steps is needed"
+    places = [se3.to_xyz_rpy(T) for T in (refused.T_fixed_moving, *refused.rivals)]
+    told = "; ".join(
+        f"x {p[0]:.1f} m, y {p[1]:.1f} m, yaw {p[5]:.2f} rad" for p in places[:_MOST_TOLD]
+    )
+    return f"{refused.outcome.value}: {told}{'; ...' if len(places) > _MOST_TOLD else ''}"
 
 
 def merge_maps(

@@ -36,7 +36,9 @@ def test_clouds_reach_the_map_and_bad_ones_the_log(tmp_path):
     client.subscribe("height_grid", rclpy_type("heightmap25d_msgs/msg/HeightGrid"))
     arguments = (
         "-p", "intake.cloud_topics:=[points]",
-        "-p", "intake.cloud_mounts:=[0.0, 0.0, 0.8, 0.0, 0.0, 0.0]",
+        "-p", "sensor.points.mount:=[0.0, 0.0, 0.8, 0.0, 0.0, 0.0]",
+        "-p", "sensor.points.max_range:=6.0",
+        "-p", "sensor.scam.max_range:=6.0",
     )  # fmt: skip
     with mapping_node(tmp_path, *arguments, namespace="/lidar") as process:
         for index in range(COUNT):
@@ -53,7 +55,8 @@ def test_clouds_reach_the_map_and_bad_ones_the_log(tmp_path):
     client.close()
     grid = client.newest["height_grid"]
     known = np.array(grid.probability) > 0
-    assert known.sum() * 0.125**2 > 100.0
+    assert 0.8 < known.sum() * 0.125**2 / (np.pi * 6.0**2) < 1.05
+    assert "parameter sensor.scam.max_range: no topic is scam, only points" in process.log
     assert set(np.array(grid.height)[known].tolist()) == {0}
     assert "points: neighbours in rings (ring); time of each point: t, nanoseconds" in process.log
     assert "cloud: bad fields (1, the last one: fields: no x, only y, z)" in process.log
