@@ -40,8 +40,8 @@ AT_RANGE_MAX = 0.01
 LEAST_USED = 0.5
 """Share of the scans that must be used: some wait for their poses."""
 
-LOST_FROM = 0.02
-"""Share of the scans that may get lost."""
+LOST_FROM, SOME_LOST = 0.02, 10
+"""Share of the scans that may get lost, and how many: a driver may stumble."""
 
 ENOUGH = 20
 """Scans or returns from which on shares are judged."""
@@ -246,7 +246,7 @@ def _of_scans(observed: Observed) -> Iterator[Finding]:
     if observed.offset:
         yield Finding(Problem.OFFSET, observed.offset)
     lost = observed.ranges.get(LOST, 0)
-    if lost > LOST_FROM * observed.scans:
+    if lost > max(LOST_FROM * observed.scans, SOME_LOST):
         yield Finding(
             Problem.LOST,
             f"{lost} did not come, by the stamps of others, {observed.examples.get(LOST, '')}",
