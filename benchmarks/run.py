@@ -15,6 +15,7 @@ from pathlib import Path
 import clouds
 import clouds_node
 import conversion
+import fast_lasers
 import localization
 import localization_node
 import map_updates
@@ -47,6 +48,10 @@ TARGETS = {
     ("node", "nobody listens: messages dropped"): ("<=", 0.0),
     ("node", "four maps at 2 Hz: scans not merged"): ("<=", 1.0),
     ("node", "four maps at 2 Hz: messages dropped"): ("<=", 0.0),
+    ("fast lasers", "CPU [s per s]"): ("<=", 0.25),
+    ("fast lasers", "scans not merged"): ("<=", 1.0),
+    ("command line", "real_time_factor"): (">=", 80.0),
+    ("command line", "scan_p95_ms"): ("<=", 0.3),
     ("memory", "ramp_numbers"): ("<=", 32_768),
     ("memory", "ramp_numbers_3d"): (">=", 262_144),
     **{
@@ -81,6 +86,7 @@ def main() -> None:
         "memory": memory.measure(),
         "planning": planning.measure(),
         "localization": localization.measure(),
+        "fast lasers": fast_lasers.measure(),
         "node": node.measure(),
         "clouds node": clouds_node.measure(),
         "planning node": planning_node.measure(),

@@ -3,7 +3,7 @@
 """How far a robot drives to explore a world, against a tour that knows the world beforehand.
 
 Usage: python studies/measure_exploration.py [-o DIRECTORY] [--worlds W ...] [--seeds N ...]
-       [--nearest | --decisions]
+       [--nearest | --decisions | --drift]
 
 Each run is that of `heightmap25d explore`, with true poses, and ends by itself. Covered is the
 share of the true ground where the robot's middle may be, connected with the start, that is known
@@ -16,6 +16,9 @@ defaults, over the same mapper, planner and controller.
 --decisions measures instead, by CPU time, how long it takes to choose a place on maps of 512 x 512
 and of 2048 x 2048 cells, three quarters of them known: the graph of the planner, the costs and the
 frontiers, and the gains.
+
+--drift runs it on drifting odometry, with localization in the map under construction
+(``localization.own_map``): errors of the pose, and F1 of the blocked transitions of the map.
 
 The directory (default: out/exploration) gets a JSON line for each run, and a picture of each.
 """
@@ -31,14 +34,17 @@ import numpy as np
 from nearest_frontier import NearestFrontier
 
 from heightmap25d_ros import se3
+from heightmap25d_ros.evaluation import trajectory_error
+from heightmap25d_ros.evaluation.map_error import evaluate_map
 from heightmap25d_ros.evaluation.path_drivability import evaluate_path
-from heightmap25d_ros.evaluation.truth import TrueGround
+from heightmap25d_ros.evaluation.truth import TrueGround, Truth
 from heightmap25d_ros.exploration.boundary import Boundary
 from heightmap25d_ros.exploration.explorer import Explorer
 from heightmap25d_ros.grid.height_map import Geometry, HeightMap
 from heightmap25d_ros.params import files
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.exploration_task import Task
+from heightmap25d_ros.pipelines.localization import Localizer
 from heightmap25d_ros.planning.graph import transition_graph
 from heightmap25d_ros.planning.plan import Pose2D
 from heightmap25d_ros.simulation import recording, truth
@@ -57,7 +63,9 @@ TOLERANCE = 2.0  # [m] of the planner, for goals of explore_lite, which lie in t
 class Run:
     """One exploration, and how much of the true ground was known along it."""
 
-    def __init__(self, name, seed, params, explorer=None, distance_limit=0.0) -> None:
+    def __init__(
+        self, name, seed, params, explorer=None, distance_limit=0.0, *, has_drift=False
+    ) -> None:
         self.world = recording.world_of(name, seed)
         (x0, x1), (y0, y1) = self.world.area
         task = replace(
@@ -68,13 +76,17 @@ class Run:
         simulation = Simulation(
             self.world,
             seed,
-            recording.noise_of(noise_free=False, true_odometry=True),
+            recording.noise_of(noise_free=False, true_odometry=not has_drift),
             recording.mounted_sensors(SCAN_RATE),
             step=STEP,
         )
         self.simulation = simulation
         self.params, self.task = params, task
-        self.explored = SimulatedExploration(simulation, params, task, explorer)
+        localizer = None
+        if has_drift:
+            localization = replace(params.localization, own_map=True)
+            localizer = Localizer(replace(params, localization=localization))
+        self.explored = SimulatedExploration(simulation, params, task, explorer, localizer)
         self.height, self.reachable, _ = full_knowledge_tour.reachable_ground(self.world)
         self.geometry = Geometry(
             resolution=truth.RESOLUTION, origin=(x0, y0), shape=self.reachable.shape
@@ -121,10 +133,31 @@ class Run:
         }
         if record.decision_s:
             found["decision_p95_ms"] = round(1e3 * float(np.percentile(record.decision_s, 95)), 1)
+        if record.told:
+            found |= self.drift()
         for share in SHARES:
             reached = [way for way, covered in curve if covered >= share]
             found[f"way_to_{share:g}_m"] = round(reached[0], 1) if reached else None
         return found
+
+    def drift(self):
+        """Errors of the told poses, and of the map against the true heights."""
+        record = self.explored.record
+        stamps, poses = zip(*record.told, strict=True)
+        true_stamps, true_poses = zip(*record.trajectory, strict=True)
+        error = trajectory_error.evaluate_trajectory(
+            np.array(stamps), np.array(poses), np.array(true_stamps), np.array(true_poses)
+        )
+        top, *_ = truth.Surface(self.world).heights(0.0)
+        height_map, _ = self.explored.mapping.maps()
+        known = Truth(geometry=self.geometry, top=top, seen=top)
+        found = evaluate_map(height_map, self.params.traversability, known)
+        return {
+            "pose_rmse_m": round(error.planar_rmse_m, 3),
+            "pose_largest_m": round(error.planar_max_m, 3),
+            "pose_end_m": round(error.final_position_m, 3),
+            "blocked_f1": round(found.blocked_transitions.f1 or 0.0, 4),
+        }
 
     def draw(self, path):
         record = self.explored.record
@@ -147,8 +180,9 @@ def main() -> None:
         return
     for name in options.worlds:
         for seed in options.seeds:
-            run = Run(name, seed, params)
-            found = {"world": name, "seed": seed, "method": "gain", **run.figures()}
+            run = Run(name, seed, params, has_drift=options.drift)
+            method = "drift" if options.drift else "gain"
+            found = {"world": name, "seed": seed, "method": method, **run.figures()}
             run.draw(options.output / f"{name}_{seed}.png")
             for share in (0.95, min(found["covered"], 0.99)):
                 length, count = full_knowledge_tour.tour_length(run.world, share)
@@ -206,6 +240,9 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--worlds", nargs="+", default=WORLDS)
     made.add_argument("--seeds", nargs="+", type=int, default=SEEDS)
     made.add_argument("--nearest", action="store_true", help="run the nearest frontier as well")
+    made.add_argument(
+        "--drift", action="store_true", help="odometry drifts: localization in the map that is made"
+    )
     made.add_argument("--decisions", action="store_true", help="measure the time of choices")
     return made
 

@@ -10,10 +10,11 @@ below drop-offs or behind glass, is not wanted any more, so that the exploration
 
 from __future__ import annotations
 
+import heapq
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ from heightmap25d_ros.exploration import frontiers, sight
 from heightmap25d_ros.exploration.boundary import Boundary, confined
 from heightmap25d_ros.exploration.frontiers import Frontiers
 from heightmap25d_ros.exploration.sight import Scenery
+from heightmap25d_ros.exploration.tour import MOST, least_between, shortest_tour
 from heightmap25d_ros.exploration.unseen_decks import deck_edges
 from heightmap25d_ros.grid.height_map import Cell, Geometry, HeightMap
 from heightmap25d_ros.params.sections import Params
@@ -153,6 +155,23 @@ class Survey:
         return float(max(gains)) * self.cell_area
 
 
+class _Compared(NamedTuple):
+    """Places of one slice: cells (N, 2), places (N, 2) [m], gains [m^2] and utilities (N,)."""
+
+    cells: NDArray[np.int64]
+    places: Array
+    gains: Array
+    utility: Array
+
+
+class _Stop(NamedTuple):
+    """A place of a tour, the area [m^2] that it shows and no other does, and its cost [m]."""
+
+    place: Pose2D
+    gain: float
+    cost: float
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Choice:
     """The next place to look from, among others.
@@ -203,6 +222,7 @@ class Explorer:
         self._looks = np.zeros((0, 0), np.int16)
         self._looked_at = np.zeros((0, 0), np.float32)  # [m] height of the cells then
         self._level = LevelFollower()
+        self._kept: tuple[HeightMap, TransitionGraph] | None = None
         self._looks_geometry: Geometry | None = None
         self.given_up: list[Pose2D] = []
 
@@ -226,9 +246,7 @@ class Explorer:
         if len(height_map.upper):
             return self._survey_of_levels(height_map, robot)
         terrain, planner = self._params.traversability, self._params.planner
-        if graph is None:
-            graph = transition_graph(height_map, terrain, planner)
-        graph = confined(graph, self._boundary)
+        graph = confined(graph or self._graph_of(height_map), self._boundary)
         geometry = height_map.geometry
         cell = to_cell(geometry.cell_at((robot.x, robot.y)))
         costs = np.full(geometry.shape, np.inf)
@@ -236,6 +254,13 @@ class Explorer:
             cleared = clear_start(graph, robot, terrain, planner, is_robot_there=True)
             costs = frontiers.travel_costs(cleared, cell) * geometry.resolution
         return self._offered(graph, height_map.known, costs, robot, is_one_level=True)
+
+    def _graph_of(self, height_map: HeightMap) -> TransitionGraph:
+        """The graph of a map, which is kept until another map comes."""
+        if self._kept is None or self._kept[0] is not height_map:
+            terrain, planner = self._params.traversability, self._params.planner
+            self._kept = height_map, transition_graph(height_map, terrain, planner)
+        return self._kept[1]
 
     def _survey_of_levels(self, height_map: HeightMap, robot: Pose2D) -> Survey:
         terrain, planner = self._params.traversability, self._params.planner
@@ -354,9 +379,9 @@ class Explorer:
         )
 
     def choose(self, survey: Survey) -> Choice:
-        """The place that is worth most, among those of at least ``min_gain``.
+        """Where to go first, of the places that show at least ``min_gain``.
 
-        Where there is none, that from which most is seen of ways to that much new ground.
+        Where there is none, of those from which ways to that much new ground are seen.
         """
         own = self._params.exploration
         choice = self._best(survey, own.min_gain)
@@ -394,15 +419,20 @@ class Explorer:
         return np.asarray(survey.scenery.known & (rise > LEDGE * terrain.max_step + climbed))
 
     def _best(self, survey: Survey, least: float) -> Choice:
-        """The place with the highest utility, in all slices, that shows at least so much [m^2]."""
-        found = [self._best_of(part, least) for part in survey.slices]
-        best = max(found, key=lambda of_slice: of_slice[1])[0]
-        places = np.concatenate([choice.places for choice, _ in found])
-        gains = np.concatenate([choice.gains for choice, _ in found])
-        return replace(best, places=places, gains=gains)
+        """The first place of a tour of those, in all slices, that show at least so much [m^2]."""
+        found = [self._compared(part, least) for part in survey.slices]
+        places = np.concatenate([compared.places for compared in found])
+        gains = np.concatenate([compared.gains for compared in found])
+        stops = self._stops(survey, found, least)
+        if not stops:
+            return Choice(goal=None, gain=0.0, places=places, gains=gains)
+        costs = np.array([stop.cost for stop in stops])
+        at = np.array([(stop.place.x, stop.place.y, stop.place.z) for stop in stops])
+        best = stops[shortest_tour(costs, least_between(costs, at))[0]]
+        return Choice(goal=best.place, gain=best.gain, places=places, gains=gains)
 
-    def _best_of(self, survey: Survey, least: float) -> tuple[Choice, float]:
-        """The same of one slice, and its utility."""
+    def _compared(self, survey: Survey, least: float) -> _Compared:
+        """The places of one slice with the highest utilities, and what they show."""
         own, side, scenery = self._params.exploration, survey.geometry.resolution, survey.scenery
         reach = math.ceil(scenery.reach)
         cells = frontiers.viewpoints(np.isfinite(survey.costs), max(1, round(own.spacing / side)))
@@ -420,14 +450,39 @@ class Explorer:
             counted = sight.gains(scenery, cells[begin : begin + _CHUNK]) * survey.cell_area
             gains = np.concatenate([gains, counted])
             utility = np.where(gains >= least, gains * discount[: len(gains)], 0.0)
-        places = survey.geometry.cell_center(cells[: len(gains)])
-        if not utility.any():
-            return Choice(goal=None, gain=0.0, places=places, gains=gains), 0.0
-        best = int(utility.argmax())
-        x, y = places[best].tolist()
-        goal = Pose2D(x, y, z=survey.z_of(to_cell(cells[best])))
-        choice = Choice(goal=goal, gain=float(gains[best]), places=places, gains=gains)
-        return choice, float(utility[best])
+        cells = cells[: len(gains)]
+        places = survey.geometry.cell_center(cells)
+        return _Compared(cells=cells, places=places, gains=gains, utility=utility)
+
+    def _stops(self, survey: Survey, found: Sequence[_Compared], least: float) -> list[_Stop]:
+        """Places that together show most of what is wanted, the one with the highest utility first.
+
+        Greedily: each shows at least so much [m^2] that none before it does.
+        """
+        weight = self._params.exploration.distance_weight
+        stops: list[_Stop] = []
+        left = [part.scenery.wanted.copy() for part in survey.slices]
+        waiting = [
+            (-float(compared.utility[n]), index, n)
+            for index, compared in enumerate(found)
+            for n in np.flatnonzero(compared.utility > 0.0)
+        ]
+        heapq.heapify(waiting)
+        while waiting and len(stops) < MOST:
+            promised, index, n = heapq.heappop(waiting)
+            part, cell = survey.slices[index], to_cell(found[index].cells[n])
+            seen = sight.seen_near(replace(part.scenery, wanted=left[index]), cell)
+            gain, cost = len(seen) * part.cell_area, float(part.costs[cell])
+            utility = gain * math.exp(-weight * cost)
+            if gain < least:
+                continue
+            if waiting and utility < -waiting[0][0] and utility < -promised:
+                heapq.heappush(waiting, (-utility, index, n))  # others have shown a part of it
+                continue
+            left[index][tuple(seen.T)] = False
+            x, y = found[index].places[n].tolist()
+            stops.append(_Stop(Pose2D(x, y, z=part.z_of(cell)), gain, cost))
+        return stops
 
     def note_look(self, survey: Survey) -> None:
         """The robot has turned around where it is: what should have been seen was looked for."""

@@ -11,7 +11,7 @@ nearest known cell. Nearer than a radius no ground is seen, since the sensor's b
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -82,11 +82,27 @@ def seen_from(scenery: Scenery, cell: tuple[int, int]) -> NDArray[np.bool_]:
     return np.asarray(stamps == 1)
 
 
+def seen_near(scenery: Scenery, cell: tuple[int, int]) -> Cells:
+    """(N, 2): the same cells, found without looking at more of the map than is in reach."""
+    reach = math.ceil(scenery.reach) + 1
+    corner = np.maximum(np.array(cell) - reach, 0)
+    rows, columns = (slice(int(low), int(low) + 2 * reach + 1) for low in corner)
+    near = replace(
+        scenery,
+        height=scenery.height[rows, columns],
+        known=scenery.known[rows, columns],
+        wanted=scenery.wanted[rows, columns],
+    )
+    y, x = np.array(cell) - corner
+    return np.asarray(np.argwhere(seen_from(near, (int(y), int(x)))) + corner)
+
+
 def _arguments(scenery: Scenery) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
     """What the kernels take: the terrain, and how it is looked at."""
     angles = 2.0 * np.pi * (np.arange(scenery.rays) + 0.5) / scenery.rays
     directions = np.column_stack([np.sin(angles), np.cos(angles)])
-    terrain = scenery.height, scenery.known, scenery.wanted
+    arrays = scenery.height, scenery.known, scenery.wanted
+    terrain = tuple(np.ascontiguousarray(array) for array in arrays)
     return terrain, (scenery.sensor_height, scenery.reach, scenery.blind, directions)
 
 

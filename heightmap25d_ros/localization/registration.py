@@ -10,6 +10,8 @@ correction.
 
 from __future__ import annotations
 
+import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
 
@@ -131,43 +133,110 @@ def register(
     InputError
         If the window has so many hypotheses that the memory is not available.
     """
-    if len(points.xyz) < MIN_POINTS:
-        return rejected(Reason.FEW_POINTS, len(points.xyz))
-    cost = Cost(params.clip, params.unknown, params.z_range)
-    scale = scale_of(points, surface)
-    few = points.some(search_points(points, params.search_points))
-    window = _window(prior, scale, params)
-    precision = np.asarray(np.linalg.inv(prior), np.float64)
-    starts = _minima(few, window, surface, cost, precision)
-    minima = np.array([
-        matching.descend(few, start, np.outer(_COARSE_STEPS, scale), surface, cost)
-        for start in starts
-    ])  # fmt: skip
-    scores = np.array([
-        matching.match(few, minimum, surface, cost).score for minimum in minima
-    ]) + _penalty(minima, precision, cost)  # fmt: skip
-    best = int(scores.argmin())
-    fine = points.some(search_points(points, _FINE_POINTS))
-    offset = matching.descend(fine, minima[best], np.outer(_FINE_STEPS, scale), surface, cost)
-    found = matching.match(points, offset, surface, cost)
-    values, directions = curvature(fine, offset, surface, cost, scale)
-    is_observed = values > 2 * params.min_curvature
-    directions, values = directions[:, is_observed], values[is_observed]
-    information = _information(values, directions, scale)
-    apart = np.linalg.norm((minima - offset) / scale @ directions, axis=1) > _DISTINCT
-    ratio = float(scores[best] / scores[apart].min()) if apart.any() else 0.0
-    deviation = _deviation(offset, prior, directions, values, scale)
-    return Registration(
-        reason=_reason(found, ratio, deviation, len(values), params),
-        offset=offset,
-        z=found.z,
-        information=information,
-        known=found.known,
-        overlap=found.overlap,
-        residual=found.residual,
-        ratio=ratio,
-        points=len(points.xyz),
-    )
+    search = RegistrationSearch(points, surface, prior, params)
+    while not search.step(np.inf):
+        pass
+    return search.result
+
+
+class RegistrationSearch:
+    """A registration that is done in slices: a wide window takes seconds.
+
+    Parameters
+    ----------
+    points, surface, prior, params
+        As of `register`; the errors as well, when `step` is called.
+    """
+
+    def __init__(
+        self,
+        points: RegistrationPoints,
+        surface: Surface,
+        prior: Array,
+        params: RegistrationParams,
+    ) -> None:
+        self._points, self._surface, self._prior = points, surface, prior
+        self._params = params
+        self._result: Registration | None = None
+        self._work = self._run()
+
+    @property
+    def result(self) -> Registration:
+        """What was found.
+
+        Raises
+        ------
+        ValueError
+            Before `step` has returned true.
+        """
+        if self._result is None:
+            raise ValueError("the registration is not done")
+        return self._result
+
+    def step(self, seconds: float) -> bool:
+        """Go on for about this time [s]; whether the registration is done."""
+        end = time.monotonic() + seconds
+        while self._result is None:
+            self._result = next(self._work)
+            if time.monotonic() >= end:
+                break
+        return self._result is not None
+
+    def _run(self) -> Iterator[Registration | None]:
+        """The registration, in pieces of some milliseconds; the last one is its result."""
+        points, surface, prior, params = self._points, self._surface, self._prior, self._params
+        if len(points.xyz) < MIN_POINTS:
+            yield rejected(Reason.FEW_POINTS, len(points.xyz))
+            return
+        cost = Cost(params.clip, params.unknown, params.z_range)
+        scale = scale_of(points, surface)
+        few = points.some(search_points(points, params.search_points))
+        window = _window(prior, scale, params)
+        memory.require(_hypotheses_of(window) * _BYTES_OF_HYPOTHESIS, "the search around the pose")
+        scores = np.empty((len(window.yaw), len(window.y), len(window.x)))
+        for number, yaw in enumerate(window.yaw):
+            turned = window._replace(yaw=np.array([yaw]))
+            scores[number] = matching.search(few, turned, surface, cost)[0]
+            yield None
+        precision = np.asarray(np.linalg.inv(prior), np.float64)
+        minima: list[Array] = []
+        for start in _minima(scores, window, surface, cost, precision):
+            steps = np.outer(_COARSE_STEPS, scale)
+            minima.append(matching.descend(few, start, steps, surface, cost))
+            yield None
+        yield self._judged(np.array(minima), few, cost, precision)
+
+    def _judged(
+        self, minima: Array, few: RegistrationPoints, cost: Cost, precision: Array
+    ) -> Registration:
+        """The best of the minima (B, 3), refined, and why it is accepted or rejected."""
+        points, surface, params = self._points, self._surface, self._params
+        scale = scale_of(points, surface)
+        scores = np.array([
+            matching.match(few, minimum, surface, cost).score for minimum in minima
+        ]) + _penalty(minima, precision, cost)  # fmt: skip
+        best = int(scores.argmin())
+        fine = points.some(search_points(points, _FINE_POINTS))
+        offset = matching.descend(fine, minima[best], np.outer(_FINE_STEPS, scale), surface, cost)
+        found = matching.match(points, offset, surface, cost)
+        values, directions = curvature(fine, offset, surface, cost, scale)
+        is_observed = values > 2 * params.min_curvature
+        directions, values = directions[:, is_observed], values[is_observed]
+        information = _information(values, directions, scale)
+        apart = np.linalg.norm((minima - offset) / scale @ directions, axis=1) > _DISTINCT
+        ratio = float(scores[best] / scores[apart].min()) if apart.any() else 0.0
+        deviation = _deviation(offset, self._prior, directions, values, scale)
+        return Registration(
+            reason=_reason(found, ratio, deviation, len(values), params),
+            offset=offset,
+            z=found.z,
+            information=information,
+            known=found.known,
+            overlap=found.overlap,
+            residual=found.residual,
+            ratio=ratio,
+            points=len(points.xyz),
+        )
 
 
 def search_points(points: RegistrationPoints, count: int) -> NDArray[np.int64]:
@@ -239,20 +308,16 @@ def _window(prior: Array, scale: Array, params: RegistrationParams) -> Window:
     return Window(x, y, yaw * scale[2])
 
 
-def _minima(
-    points: RegistrationPoints,
-    window: Window,
-    surface: Surface,
-    cost: Cost,
-    precision: Array,
-) -> Array:
-    """The best hypotheses (B, 3) of a window that are not adjacent to one another."""
+def _hypotheses_of(window: Window) -> int:
+    return len(window.x) * len(window.y) * len(window.yaw)
+
+
+def _minima(scores: Array, window: Window, surface: Surface, cost: Cost, precision: Array) -> Array:
+    """The best hypotheses (B, 3) of a window that are not adjacent, by their scores (W, Y, X)."""
     x, y, yaw = window
-    memory.require(len(x) * len(y) * len(yaw) * _BYTES_OF_HYPOTHESIS, "the search around the pose")
-    scores = matching.search(points, window, surface, cost)
     hypotheses = np.stack(np.meshgrid(yaw, y, x, indexing="ij"), axis=-1)[..., ::-1].copy()
     hypotheses[..., :2] *= surface.resolution
-    scores += _penalty(hypotheses, precision, cost)
+    scores = scores + _penalty(hypotheses, precision, cost)
     found = []
     for _ in range(_MINIMA):
         w, j, i = np.unravel_index(scores.argmin(), scores.shape)

@@ -29,11 +29,18 @@ from heightmap25d_ros.localization.pose_filter import PoseFilter
 from heightmap25d_ros.localization.registration import (
     Reason,
     Registration,
+    RegistrationSearch,
     register,
     to_registration_points,
 )
-from heightmap25d_ros.localization.scan_filter import ScanFilter
-from heightmap25d_ros.localization.scan_proposal import COARSE, Proposal, Proven, returns_to_points
+from heightmap25d_ros.localization.scan_filter import ScanFilter, fit_of
+from heightmap25d_ros.localization.scan_proposal import (
+    CLEAR_FIT,
+    COARSE,
+    Proposal,
+    Proven,
+    returns_to_points,
+)
 from heightmap25d_ros.localization.scan_window import ScanWindow
 from heightmap25d_ros.localization.short_term import (
     LocalCells,
@@ -50,6 +57,8 @@ _FOUND_COVARIANCE = np.diag([0.15**2, 0.15**2, 0.03**2])  # of a pose found in t
 _MOST_HYPOTHESES = 16
 _LEAST_KNOWN = 0.8  # share of the points over known cells, for several hypotheses
 _SEARCH_INTERVAL = 1.0  # [m] travelled between two searches of the whole map
+_LOOK_INTERVAL = 1.0  # [m] travelled from one look for a better place to the next
+_JUMP = 0.5  # [m] of a correction from which on it replaces the pose
 _REPEATED = 0.1  # [m] between what two short-term maps propose one after the other
 
 
@@ -109,6 +118,13 @@ class _Search(NamedTuple):
     T_map_odom: se3.Matrix
 
 
+class _Registering(NamedTuple):
+    """A registration that is under way, from a view that is past."""
+
+    search: RegistrationSearch
+    view: _View
+
+
 class Tracker:
     """Estimates the pose of the robot on the long-term map.
 
@@ -119,7 +135,8 @@ class Tracker:
     covariance : (3, 3) float64
         Of x, y [m], yaw [rad] of the robot.
     search_slice : float, optional [s]
-        Time of a search of the whole map between two scans; all at once by default.
+        Time of a search, of the whole map or around the pose, between two scans; all at once by
+        default.
 
     Attributes
     ----------
@@ -156,6 +173,7 @@ class Tracker:
         self.jumps = 0
         self.estimate: Estimate
         self._hypotheses: Hypotheses | None
+        self._registering: _Registering | None
         self._params, self._search_slice = params, search_slice
         self._short_term = ShortTermMaps(params)
         self._errors = unknown_errors(params)
@@ -174,6 +192,7 @@ class Tracker:
     def set_long_term(self, long_term: LongTermMap | None) -> None:
         """Another long-term map; the pose stays."""
         self.long_term = long_term
+        self._registering = None
         self._uses_scans = (
             long_term is not None
             and long_term.has_landmarks
@@ -197,10 +216,11 @@ class Tracker:
         self.health.begin()
         self.jumps += 1
         self._search: _Search | None = None
+        self._registering = None
         self._hypotheses = None
         self._confirmed = self._refused = 0
         self._proposed: se3.Matrix | None = None
-        self._attempt_distance = self._search_distance = -np.inf
+        self._attempt_distance = self._search_distance = self._looked_distance = -np.inf
         self._agreed_distance = self._short_term.distance
 
     def forget(self) -> None:
@@ -208,7 +228,7 @@ class Tracker:
         self._short_term.clear()
         self._window.clear()
         self._T_odom_base = None
-        self._search = self._hypotheses = self._proposed = None
+        self._search = self._registering = self._hypotheses = self._proposed = None
 
     def mend(self, T_map_odom: se3.Matrix, covariance: Array) -> None:
         """Odometry has jumped, the robot has not: its frame is at another pose from now on."""
@@ -251,6 +271,8 @@ class Tracker:
                 return attempt
         if self._search is not None:
             return self._go_on_searching(self._search, stamp_ns)
+        if self._registering is not None:
+            return self._go_on_registering(self._registering, stamp_ns)
         return self._use_short_term_map(distance, stamp_ns)
 
     def _use_short_term_map(self, distance: float, stamp_ns: int) -> Attempt | None:
@@ -274,7 +296,22 @@ class Tracker:
             if self.health.state is State.TRACKING:  # which somebody doubts
                 self.health.begin()
             return self._go_on_searching(self._search, stamp_ns)
-        return self._attempt(Kind.TRACKING, self._track(view), view, stamp_ns)
+        params = self._params.registration
+        if params.method == "paper":
+            found = register_by_paper(view.points, view.surface, self.estimate.covariance)
+            return self._track(found, view, stamp_ns)
+        registering = RegistrationSearch(
+            view.points, view.surface, self.estimate.covariance, params
+        )
+        return self._go_on_registering(_Registering(registering, view), stamp_ns)
+
+    def _go_on_registering(self, under_way: _Registering, stamp_ns: int) -> Attempt | None:
+        """Register for a while; scans do not move the estimate meanwhile."""
+        self._registering = None  # also where it fails
+        if under_way.search.step(self._search_slice):
+            return self._track(under_way.search.result, under_way.view, stamp_ns)
+        self._registering = under_way
+        return None
 
     def _view(self, estimate: Estimate, cells: LocalCells) -> _View:
         """Cells of a short-term map, as they are for an estimate."""
@@ -301,6 +338,7 @@ class Tracker:
             self._uses_scans
             and self.health.state is not State.LOST
             and self._search is None
+            and self._registering is None
             and self._hypotheses is None
             and not self._is_search_due()
         )
@@ -329,7 +367,8 @@ class Tracker:
         self._attempt_distance = distance
         points = returns_to_points(returns, prior, T_odom_base, landmarks)
         view = _View(surface, points, T_odom_base)
-        if found.reason in CONTRADICTIONS or estimate.deviation[0] > COARSE:
+        is_doubted = False
+        if self._is_proposal_due(found, distance):
             short_term_map = self._short_term.mature()
             seen = None if short_term_map is None else short_term_map.local_cells(distance)
             doubted = distance - self._agreed_distance
@@ -339,10 +378,25 @@ class Tracker:
             if self._is_repeated(proposed, T_odom_base) and proposed is not None:
                 self.estimate, found, points, _ = proposed
                 view = _View(surface, points, T_odom_base)
-        self.health.update(found, self.estimate.deviation[0])
-        if found.is_accepted and self.health.state is State.TRACKING:
+                self.jumps += int(np.hypot(*found.offset[:2]) > _JUMP)
+            else:
+                is_doubted = proposed is not None and fit_of(found) < CLEAR_FIT
+        if found.reason in CONTRADICTIONS or not is_doubted:
+            self.health.update(found, self.estimate.deviation[0])
+        if found.is_accepted and not is_doubted and self.health.state is State.TRACKING:
             self._learn(estimate.errors)
         return self._attempt(Kind.TRACKING, found, view, stamp_ns)
+
+    def _is_proposal_due(self, found: Registration, distance: float) -> bool:
+        """Whether scans do not suffice; where they fit poorly, now and then."""
+        if found.reason in CONTRADICTIONS or self.estimate.deviation[0] > COARSE:
+            return True
+        if fit_of(found) >= CLEAR_FIT:
+            return False
+        if distance - self._looked_distance >= _LOOK_INTERVAL:
+            self._looked_distance = distance
+            return True
+        return self._proposed is not None
 
     def _learn(self, errors: OdometryErrors) -> None:
         """Errors of the odometry, which it keeps wherever the robot turns out to be."""
@@ -377,11 +431,17 @@ class Tracker:
         return is_wanted and travelled >= _SEARCH_INTERVAL
 
     def _register(self, estimate: Estimate, view: _View) -> Registration:
+        """Register at once: the prior of a pose that a search has found is narrow."""
         params, prior = self._params.registration, estimate.covariance
         if params.method == "paper":
             found = register_by_paper(view.points, view.surface, prior)
         else:
             found = register(view.points, view.surface, prior, params)
+        return self._corrected(estimate, found, view)
+
+    @staticmethod
+    def _corrected(estimate: Estimate, found: Registration, view: _View) -> Registration:
+        """Correct an estimate by a registration; what it was corrected by."""
         if found.is_accepted:
             if isinstance(estimate, ScanFilter) and estimate.has_settled_near(found):
                 # Scans have found the place already, and better.
@@ -391,11 +451,12 @@ class Tracker:
             estimate.inflate()
         return found
 
-    def _track(self, view: _View) -> Registration:
-        found = self._register(self.estimate, view)
+    def _track(self, found: Registration, view: _View, stamp_ns: int) -> Attempt:
+        """Correct the pose by a registration of a short-term map."""
+        found = self._corrected(self.estimate, found, view)
         self._is_settled |= found.is_accepted
         self.health.update(found, self.estimate.deviation[0])
-        return found
+        return self._attempt(Kind.TRACKING, found, view, stamp_ns)
 
     def _go_on_searching(self, under_way: _Search, stamp_ns: int) -> Attempt | None:
         """Search the whole map for a while; the estimate is not changed."""

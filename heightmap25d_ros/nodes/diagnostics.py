@@ -22,7 +22,7 @@ from heightmap25d_ros.nodes.guard import Guard
 from heightmap25d_ros.nodes.interface import Input as Interface
 from heightmap25d_ros.nodes.qos import best_effort, is_best_effort_needed
 from heightmap25d_ros.pipelines.drops import Drops
-from heightmap25d_ros.pipelines.input_watch import Flatness
+from heightmap25d_ros.pipelines.input_watch import LOST, Flatness
 from heightmap25d_ros.pipelines.self_check import (
     Finding,
     Input,
@@ -265,6 +265,9 @@ class Diagnostics:
         if self._reporting.is_configured:
             values |= self._reporting.figures()
             values |= self._dropped()
+            watch = getattr(self._node, "watch", None)
+            if watch is not None:
+                values["scans that did not come, by their stamps"] = watch.counts[LOST]
         values["memory of the process [MB]"] = round(_resident_bytes() / 1e6, 1)
         status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
         array = DiagnosticArray(status=[status])

@@ -24,6 +24,15 @@ RETURNS, BEYOND, BELOW, AT_MAX = "returns", "beyond range_max", "below range_min
 REPEATED = "repeated"
 """Scans that are counted: the same ranges again and again, while the robot moved."""
 
+LOST = "lost"
+"""Scans that are counted: they did not come, by the stamps of those before and after them."""
+
+_STEADY = 10  # times in a row between two scans that are the same: what is missing is known
+_SAME_PERIOD = 0.2  # share by which these may differ
+_PERIOD_SHARE = 0.02  # of a new one in their mean
+_SHORTEST = 0.002  # [s] between two scans of a laser: parts of one come closer together
+_PAUSE = 2.0  # [s] without scans: the laser was switched off, or the bag has a gap
+
 _REPEATS = 10  # scans in a row with the same ranges that are no accident
 _COMPARED = 1000  # points of a cloud that are compared with those of the one before
 _MOVED = 0.1  # [m, rad] after which no laser measures the same
@@ -68,6 +77,34 @@ class _Repeat:
     count: int = 1
 
 
+@dataclass(slots=True)
+class _Rhythm:
+    """The newest stamp of a laser, and the time between two scans that has been usual."""
+
+    stamp_ns: int
+    period_ns: float = 0.0
+    steady: int = 0
+    odd: int = 0
+
+    def lost_before(self, stamp_ns: int) -> int:
+        """How many scans are missing before the next one; none of a laser without a rhythm."""
+        time_ns, self.stamp_ns = stamp_ns - self.stamp_ns, stamp_ns
+        lost = round(time_ns / self.period_ns) - 1 if self.period_ns else 0
+        away = abs(time_ns - (lost + 1) * self.period_ns)
+        is_whole = away <= (_SAME_PERIOD + _PERIOD_SHARE * max(lost, 0)) * self.period_ns
+        is_known = self.steady >= _STEADY and self.odd < _STEADY and lost >= 0 and is_whole
+        if is_known:
+            self.odd = self.odd + 1 if lost else 0
+            self.period_ns += 0.0 if lost else _PERIOD_SHARE * (time_ns - self.period_ns)
+            return lost if time_ns < _PAUSE * 1e9 else 0
+        is_same = abs(time_ns - self.period_ns) <= _SAME_PERIOD * self.period_ns
+        is_period = is_same and time_ns > _SHORTEST * 1e9
+        self.steady, self.odd = (self.steady + 1 if is_period else 0), 0
+        before = self.period_ns if is_period else time_ns
+        self.period_ns = max(before + (time_ns - before) / (self.steady + 1), 0.0)
+        return 0
+
+
 class InputWatch:
     """Looks at scans as they come, and at their ranges as they are used.
 
@@ -89,6 +126,7 @@ class InputWatch:
         self.scans = self.used = 0
         self.flatness = Flatness()
         self._examples: dict[str, str] = {}
+        self._rhythms: dict[str, _Rhythm] = {}
         self._sweeps: dict[str, deque[tuple[int, float]]] = defaultdict(
             lambda: deque(maxlen=_RECENT)
         )
@@ -107,6 +145,7 @@ class InputWatch:
         """A scan or a cloud has come, after the newest pose; its beams took so long [ns]."""
         self.scans += 1
         self._sweeps[topic].append((scan.stamp_ns, sweep_ns * 1e-9))
+        self._observe_lost(topic, scan.stamp_ns)
         if self._odometry:
             self._offsets[topic].append((scan.stamp_ns - self._odometry[-1]) * 1e-9)
         if isinstance(scan, Cloud):
@@ -114,6 +153,17 @@ class InputWatch:
             self._observe_repeat(topic, scan.points[:: 1 + len(scan.points) // _COMPARED])
         else:
             self._observe_repeat(topic, scan.ranges)
+
+    def _observe_lost(self, topic: str, stamp_ns: int) -> None:
+        """Count scans that were sent and did not come: DDS tells of none that it drops."""
+        rhythm = self._rhythms.get(topic)
+        if rhythm is None:
+            self._rhythms[topic] = _Rhythm(stamp_ns)
+            return
+        lost = rhythm.lost_before(stamp_ns)
+        if lost > 0:
+            self.counts[LOST] += lost
+            self._examples[LOST] = f"the last ones of {topic}"
 
     def _note_layout(self, topic: str, told: str) -> None:
         if self.clouds.get(topic) != told:
@@ -171,7 +221,7 @@ class InputWatch:
     def example(self, place: str) -> str:
         """Of the returns in one of these places: the newest scan's median and the limit.
 
-        Of `REPEATED`: the laser, and how many there are.
+        Of `REPEATED`: the laser, and how many there are; of `LOST`: the laser.
         """
         return self._examples.get(place, "")
 

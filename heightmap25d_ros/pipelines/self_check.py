@@ -18,6 +18,7 @@ from heightmap25d_ros.pipelines.input_watch import (
     AT_MAX,
     BELOW,
     BEYOND,
+    LOST,
     REPEATED,
     RETURNS,
     InputWatch,
@@ -38,6 +39,9 @@ AT_RANGE_MAX = 0.01
 
 LEAST_USED = 0.5
 """Share of the scans that must be used: some wait for their poses."""
+
+LOST_FROM, SOME_LOST = 0.02, 10
+"""Share of the scans that may get lost, and how many: a driver may stumble."""
 
 ENOUGH = 20
 """Scans or returns from which on shares are judged."""
@@ -66,6 +70,7 @@ class Problem(Enum):
     SWEEP = "scans last too long"
     OFFSET = "stamps do not go together"
     STUCK = "scans repeat"
+    LOST = "scans get lost"
     UNUSED = "few scans are used"
 
 
@@ -113,7 +118,8 @@ class Observed:
     used : int, optional
         How many scans were used; None where the node uses none.
     ranges : mapping of str to int
-        How many returns lie where, and scans that are repeated, as `InputWatch` counts them.
+        How many returns lie where, and scans that are repeated or lost, as `InputWatch` counts
+        them.
     examples : mapping of str to str
         Numbers to these, and to the reasons.
     sweep, offset : str
@@ -134,7 +140,8 @@ class Observed:
 
 def with_watch(observed: Observed, watch: InputWatch, dropped: Drops) -> Observed:
     """The same, with what a pipeline noticed about its scans."""
-    examples = dropped.examples | {p: watch.example(p) for p in (BEYOND, BELOW, AT_MAX, REPEATED)}
+    places = (BEYOND, BELOW, AT_MAX, REPEATED, LOST)
+    examples = dropped.examples | {place: watch.example(place) for place in places}
     return replace(
         observed,
         used=watch.used,
@@ -238,6 +245,12 @@ def _of_scans(observed: Observed) -> Iterator[Finding]:
         yield Finding(Problem.SWEEP, observed.sweep)
     if observed.offset:
         yield Finding(Problem.OFFSET, observed.offset)
+    lost = observed.ranges.get(LOST, 0)
+    if lost > max(LOST_FROM * observed.scans, SOME_LOST):
+        yield Finding(
+            Problem.LOST,
+            f"{lost} did not come, by the stamps of others, {observed.examples.get(LOST, '')}",
+        )
     for problem, words in (
         (Problem.NO_ODOMETRY, "the odometry"),
         (Problem.UNKNOWN_MOUNT, "its mount"),

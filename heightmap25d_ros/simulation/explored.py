@@ -10,18 +10,23 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.io.decode import Odometry
+from heightmap25d_ros.localization.tracking_state import State as LocalizationState
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.exploration import Exploration
 from heightmap25d_ros.pipelines.exploration_task import Task
+from heightmap25d_ros.pipelines.localization import Localizer
 from heightmap25d_ros.pipelines.mapping import Mapping
 from heightmap25d_ros.pipelines.path_following import PathFollowing
 from heightmap25d_ros.pipelines.planning import Planning
 from heightmap25d_ros.planning.plan import Plan, Pose2D
+from heightmap25d_ros.simulation import messages
 from heightmap25d_ros.simulation.messages import stamp_ns
 from heightmap25d_ros.simulation.simulation import Simulation, TimedMessage
 from heightmap25d_ros.viz.exploration_figures import Snapshot
@@ -45,6 +50,8 @@ class Record:
         Paths, and goals that planning refused.
     decision_s : list of float [s]
         CPU time of each turn of the exploration that looked over the map.
+    told : list of (int, (4, 4) float64)
+        Stamps [ns] and the poses that localization told.
     """
 
     trajectory: list[tuple[int, se3.Matrix]] = field(default_factory=list)
@@ -53,6 +60,7 @@ class Record:
     plans: int = 0
     refused: int = 0
     decision_s: list[float] = field(default_factory=list)
+    told: list[tuple[int, se3.Matrix]] = field(default_factory=list)
 
 
 class SimulatedExploration:
@@ -61,11 +69,13 @@ class SimulatedExploration:
     Parameters
     ----------
     simulation : Simulation
-        Its odometry is taken for true.
+        Its odometry is taken for true, if there is no localization.
     params : Params
     task : Task
     exploration : Exploration, optional
         One that chooses otherwise.
+    localizer : Localizer, optional
+        Tells the pose.
 
     Attributes
     ----------
@@ -80,12 +90,14 @@ class SimulatedExploration:
         params: Params,
         task: Task,
         exploration: Exploration | None = None,
+        localizer: Localizer | None = None,
     ) -> None:
         self.mapping = Mapping(params)
         self.exploration = exploration or Exploration(params)
         self.record = Record()
         self._simulation = simulation
         self._params = params
+        self._localizer = localizer
         self._planning = Planning(params)
         self._following = PathFollowing(params)
         self._planning.set_boundary(task.boundary)
@@ -124,6 +136,7 @@ class SimulatedExploration:
     def _take(self, events: list[TimedMessage]) -> None:
         for _, topic, message in events:
             if topic == "/odom":
+                self._localize(message)
                 self.mapping.take_odometry(message)
                 self._follow(self._planning.take_odometry(message))
                 self.exploration.take_odometry(message)
@@ -132,9 +145,36 @@ class SimulatedExploration:
                 now = stamp_ns(self._simulation.seconds)
                 self.record.trajectory.append((now, self._simulation.robot.T))
             elif topic == "/tf_static":
-                self.mapping.take_transforms(message, is_static=True)
+                for pipeline in self._with_scans:
+                    pipeline.take_transforms(message, is_static=True)
             elif topic in self._params.intake.scan_topics:
-                self.mapping.take_scan(topic, message)
+                for pipeline in self._with_scans:
+                    pipeline.take_scan(topic, message)
+
+    @property
+    def _with_scans(self) -> tuple[Mapping | Localizer, ...]:
+        return (self.mapping,) if self._localizer is None else (self._localizer, self.mapping)
+
+    def _localize(self, odometry: Any) -> None:
+        """Correct the pose of all by that of localization."""
+        localizer = self._localizer
+        if localizer is None:
+            return
+        localizer.take_odometry(odometry)
+        if localizer.pose is None:
+            return
+        frame, seconds = self._params.mapping.map_frame, self._simulation.seconds
+        correction = messages.correction(seconds, frame, localizer.pose.T_map_odom)
+        for pipeline in (self.mapping, self._planning, self._following, self.exploration):
+            pipeline.take_correction(correction)
+        self.exploration.take_localization_status(
+            SimpleNamespace(
+                state=localizer.state,
+                LOST=LocalizationState.LOST,
+                position_deviation=localizer.deviation[0],
+            )
+        )
+        self.record.told.append((localizer.pose.stamp_ns, localizer.pose.T_map_base))
 
     def _publish_map(self) -> None:
         if not self.mapping.merged["scans"]:

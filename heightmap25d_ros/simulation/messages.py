@@ -107,6 +107,15 @@ def odometry(seconds: float, frame_id: str, T: se3.Matrix, twist: tuple[float, f
     )
 
 
+def correction(seconds: float, frame_id: str, T: se3.Matrix) -> Message:
+    """A geometry_msgs/PoseWithCovarianceStamped with the pose (4, 4) of odom; no covariance."""
+    pose = _message("geometry_msgs/msg/Pose", _vector("Point", T[:3, 3]), _quaternion(T))
+    with_covariance = _message("geometry_msgs/msg/PoseWithCovariance", pose, np.zeros(36))
+    return _message(
+        "geometry_msgs/msg/PoseWithCovarianceStamped", _header(seconds, frame_id), with_covariance
+    )
+
+
 def scan(sensor: Laser | Lidar | DepthCamera, taken: TakenScan) -> Message:
     """A LaserScan, or a PointCloud2 of a lidar or a depth camera."""
     if isinstance(sensor, Laser):

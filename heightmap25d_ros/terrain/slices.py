@@ -26,6 +26,7 @@ from scipy import ndimage
 
 from heightmap25d_ros.grid.height_map import (
     HEIGHT_RESOLUTION,
+    SUSPECTED,
     Cell,
     Geometry,
     HeightMap,
@@ -238,9 +239,10 @@ class SurfaceStack:
         y, x = np.indices(layer.shape)
         chosen = np.maximum(layer, 0), y, x
         is_known = layer != _NONE
+        unknown = np.where(self._height_map.suspected, SUSPECTED, 0)
         height_map = replace(
             self._height_map,
-            height=np.where(is_known, self.top[chosen], 0).astype(np.int16),
+            height=np.where(is_known, self.top[chosen], unknown).astype(np.int16),
             probability=np.where(is_known, self._probability[chosen], np.uint16(0)),
             upper=NO_UPPER,
         )

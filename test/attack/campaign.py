@@ -30,7 +30,8 @@ from message_attack import attack_messages
 from tally import Tally
 
 FUZZED = {
-    "messages": 2_000_000, "transforms": 5_000_000, "parameters": 100_000, "trajectories": 200_000,
+    "messages": 2_000_000, "transforms": 5_000_000, "scans": 2_000_000, "odometry": 2_000_000,
+    "parameters": 100_000, "trajectories": 200_000,
     "maps": 200_000, "layers": 100_000, "mcap": 10_000, "sqlite": 20_000,
 }  # fmt: skip
 """Inputs for each target of fuzz.py."""

@@ -19,7 +19,7 @@ from rosbags.serde import SerdeError
 
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.io import decode, layers_file, map_directory, message_bytes, point_cloud
-from heightmap25d_ros.io.bag import Bag
+from heightmap25d_ros.io.bag import LASER_SCAN, ODOMETRY, TF_MESSAGE, Bag
 from heightmap25d_ros.io.trajectory import read_tum, write_tum
 from heightmap25d_ros.params import files as parameter_files
 
@@ -121,9 +121,9 @@ def trajectory_seed() -> bytes:
     return path.read_bytes()
 
 
-def transform_seeds() -> list[bytes]:
-    found = [message for topic, _, message in drive() if topic.startswith("/tf")]
-    return [bytes(STORE.serialize_cdr(m, "tf2_msgs/msg/TFMessage")) for m in found[:3]]
+def serialized_seeds(kind: str) -> list[bytes]:
+    found = [message for _, _, message in drive() if message.__msgtype__ == kind]
+    return [bytes(STORE.serialize_cdr(message, kind)) for message in found[:3]]
 
 
 def parameter_seeds() -> list[bytes]:
@@ -132,7 +132,15 @@ def parameter_seeds() -> list[bytes]:
 
 TARGETS: dict[str, tuple[Callable[[bytes], object], Callable[[], list[bytes]]]] = {
     "messages": (read_message, message_seeds),
-    "transforms": (message_bytes.tf_message, transform_seeds),
+    "transforms": (message_bytes.tf_message, lambda: serialized_seeds(TF_MESSAGE)),
+    "scans": (
+        lambda data: decode.scan(message_bytes.laser_scan(data)),
+        lambda: serialized_seeds(LASER_SCAN),
+    ),
+    "odometry": (
+        lambda data: decode.odometry(message_bytes.odometry(data)),
+        lambda: serialized_seeds(ODOMETRY),
+    ),
     "parameters": (read_parameters, parameter_seeds),
     "trajectories": (read_trajectory, lambda: [trajectory_seed()]),
     "maps": (read_height_grid, lambda: [(MAP / _HEIGHT_GRID).read_bytes()]),

@@ -334,6 +334,19 @@ def test_goals_beyond_a_wall_are_not_reachable() -> None:
     np.testing.assert_array_equal(pairs.observed[pairs.reachable], reachable[:, 1] < 30)
 
 
+def test_ground_of_both_levels_is_reachable_by_either_of_them():
+    """Beside the edge of a deck the ramp is closed as seen from below it."""
+    lower = np.tile(np.clip(0.05 * (np.arange(96) - 20), 0.0, 2.0), (64, 1))
+    upper = lower.copy()
+    lower[:, 60:] = 0.0  # below the deck, to which the ramp leads up
+    seen = np.ones((2, *lower.shape), bool)
+    driven = np.array([[32, column] for column in range(10, 60)])
+    z = upper[tuple(driven.T)]
+    pairs = goals.choose(np.stack([lower, upper]), seen, driven, z, np.random.default_rng(0))
+    level, _, column = pairs.goal[~pairs.reachable].T
+    assert ((level == 0) & (column >= 60 - 1)).all()
+
+
 def test_free_is_a_disc_from_steps_and_from_steep_slopes() -> None:
     height = np.zeros((40, 80))
     height[20, 20] = 0.11

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from level_worlds import BRIDGE, bridge_height, overpass
 
-from heightmap25d_ros.grid.height_map import HeightMap
+from heightmap25d_ros.grid.height_map import SUSPECTED, HeightMap
 from heightmap25d_ros.grid.levels import UpperSurfaces
 from heightmap25d_ros.terrain.slices import LevelFollower, SurfaceStack
 
@@ -119,3 +119,12 @@ def test_the_level_is_followed_though_z_drifts():
         drifted = true - 0.05 * step  # 2.2 m in the end
         layer, iy, ix = follower.surface(stack, at, y, drifted)
         assert stack.top[layer, iy, ix] == pytest.approx(100 * true, abs=8)
+
+
+def test_suspected_drop_offs_stay_suspected():
+    road = HeightMap.from_metres([[0.0, np.nan, 0.0, 0.0]])
+    height = road.height.copy()
+    height[0, 1] = SUSPECTED
+    stack = SurfaceStack(replace(road, height=height, upper=deck(240, 210, [(0, 3)])))
+    for found in (stack.followed((0, 0, 0)), stack.lowest(), stack.highest()):
+        assert found.height_map.suspected.tolist() == [[False, True, False, False]]
