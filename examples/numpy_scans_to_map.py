@@ -20,10 +20,10 @@ angles = np.radians(np.arange(-80.0, 80.5, 0.5))
 
 for x in np.arange(0.0, 3.6, 0.05):
     T_map_base = hm.se3.from_xyz_rpy([x, 0.0, 0.0, 0.0, 0.0, 0.0])
-    # In place of a laser: the ground is at z = 0, and at z = 0.30 m from x = 4 m on.
+    # In place of a laser: the ground is at z = 0, and at z = 0.30 m from x = 4.05 m on.
     T_map_laser = T_map_base @ T_base_laser
     along = T_map_laser[:3, :2] @ [np.cos(angles), np.sin(angles)]
-    to_face = (4.0 - T_map_laser[0, 3]) / along[0]
+    to_face = (4.05 - T_map_laser[0, 3]) / along[0]
     z_at_face = T_map_laser[2, 3] + to_face * along[2]
     to_level = (np.where(z_at_face < 0.30, 0.0, 0.30) - T_map_laser[2, 3]) / along[2]
     ranges = np.minimum(to_level, np.where(z_at_face < 0.30, to_face, np.inf))
