@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.grid.height_map import Area, HeightMap
@@ -57,20 +58,30 @@ def landmarks_around(
 ) -> Landmarks:
     """Walls and ground of submaps around a position, see `surroundings`.
 
-    Walls that were not seen again, see `sightings`, are none that a scan can be held to.
+    Where there is ground, walls that were not seen again, see `sightings`, are none that a scan can
+    be held to. Level lasers in a building see walls only.
     """
-    landmarks = landmarks_of(*surroundings(submaps, position, reach, resolution))
-    rows, columns = landmarks.wall_of.shape
-    is_confirmed = np.zeros((rows, columns), bool)
-    for submap in submaps:
-        xy = (submap.confirmed()[:, ::-1] + 0.5) * resolution
-        moved = xy @ submap.T_map_submap[:2, :2].T + submap.T_map_submap[:2, 3]
-        ix, iy = np.floor((moved - landmarks.origin) / resolution).astype(int).T
-        inside = (iy >= 0) & (iy < rows) & (ix >= 0) & (ix < columns)
-        is_confirmed[iy[inside], ix[inside]] = True
+    height_map, layers = surroundings(submaps, position, reach, resolution)
+    landmarks = landmarks_of(height_map, layers)
+    if not (layers.ground_count > layers.level_count).any():
+        return landmarks
+    is_confirmed = _confirmed(submaps, layers)
     walls = landmarks.walls.copy()
     walls[landmarks.wall_of[(landmarks.wall_of >= 0) & ~is_confirmed], 2:8] = np.nan
     return replace(landmarks, walls=walls)
+
+
+def _confirmed(submaps: list[Submap], layers: LayerMap) -> NDArray[np.bool_]:
+    """The cells (rows, columns) of joined layers that one of the submaps has seen again."""
+    geometry = layers.geometry
+    is_confirmed = np.zeros(geometry.shape, bool)
+    for submap in submaps:
+        xy = (submap.confirmed()[:, ::-1] + 0.5) * geometry.resolution
+        moved = xy @ submap.T_map_submap[:2, :2].T + submap.T_map_submap[:2, 3]
+        index = geometry.cell_at(moved)
+        index = index[((index >= 0) & (index < geometry.shape)).all(axis=1)]
+        is_confirmed[tuple(index.T)] = True
+    return is_confirmed
 
 
 def _nearest(submap: Submap, position: Array) -> Array:

@@ -109,6 +109,8 @@ def row(x):
 def lines_near(x, sights):
     """Wall cells with a line within 0.1 m of x, of rows (distance driven, x) that were seen."""
     submap = Submap(np.eye(4), PARAMS)
+    ground = np.array([[-1.0, y, 0.0] for y in np.arange(-1.0, 1.0, 0.05)])
+    submap.integrate(beams_of(ground), 0.0)
     for distance, at in sights:
         submap.integrate(beams_of(row(at)), distance)
     grows = landmarks_around([submap], np.zeros(3), 4.0, PARAMS.grid.resolution).walls
@@ -128,3 +130,14 @@ def test_what_is_seen_again_further_on_is_a_wall_and_what_a_standing_robot_sees(
     assert lines_near(2.06, [(1.0, 2.06), (1.2, 2.06), (1.4, 2.06)]) >= 30
     assert lines_near(2.06, [(1.0, 2.06), (1.2, 2.06)]) == 0
     assert lines_near(2.06, [(0.0, 2.06), (0.0, 2.06)]) >= 30
+
+
+def test_level_lasers_alone_hold_on_to_what_they_have_just_seen():
+    """There is no ground in such a map that could be mistaken for a wall."""
+    submap = Submap(np.eye(4), PARAMS)
+    submap.integrate(beams_of(row(2.06)), 1.0)
+    height_map, layers = around([submap])
+    assert (layers.ground_count == layers.level_count).all()
+    walls = landmarks_around([submap], np.zeros(3), 4.0, PARAMS.grid.resolution).walls
+    np.testing.assert_array_equal(walls, landmarks_of(height_map, layers).walls)
+    assert np.count_nonzero(~np.isnan(walls[:, 2])) >= 30
