@@ -31,6 +31,7 @@ def _info(options: argparse.Namespace) -> Figures:
         return {
             "frame": loaded.frame_id,
             **_poses(options.path),
+            **({"ground": "unknown: made by level lasers"} if heights.is_level else {}),
             "size_cells": list(geometry.shape[::-1]),
             "resolution_m": geometry.resolution,
             "origin_m": list(geometry.origin),

@@ -18,7 +18,7 @@ from heightmap25d_ros.commands.common import (
     read_params,
     require_map,
 )
-from heightmap25d_ros.errors import NegativeResultError
+from heightmap25d_ros.errors import InputError, NegativeResultError
 from heightmap25d_ros.evaluation.path_drivability import evaluate_path
 from heightmap25d_ros.evaluation.truth import read_ground
 from heightmap25d_ros.grid.height_map import HeightMap
@@ -77,6 +77,8 @@ def _plan(options: argparse.Namespace) -> Figures:
     require_map(options.map)
     check_output(options.output)
     height_map = map_directory.load(options.map, settings.mapper.probability_threshold).height_map
+    if height_map.is_level:
+        raise InputError(f"{options.map}: was made by level lasers, its ground is unknown")
     compile_kernels()  # not what is timed
     planning = Planning(settings)
     planning.set_map(height_map)

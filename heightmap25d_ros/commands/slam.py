@@ -24,6 +24,7 @@ from heightmap25d_ros.commands.common import (
     check_output,
     figures_of,
     read_bag_params,
+    require_map,
     warn,
 )
 from heightmap25d_ros.commands.merge import placing
@@ -62,6 +63,9 @@ def add_to(commands: Any) -> None:
     where.add_argument("--dask", metavar="ADDRESS",
                        help="scheduler of a Dask cluster whose workers see the same files: the "
                        "bags are mapped there; needs dask.distributed")  # fmt: skip
+    command.add_argument("--initial-map", type=Path, metavar="DIR",
+                         help="map directory to go on from, wherever in it the bags begin: its "
+                         "frame stays, what has changed is updated")  # fmt: skip
     add_stretch(command)
     add_topics(command)
 
@@ -83,6 +87,8 @@ def _slam(options: argparse.Namespace) -> Figures:
     with the loops that were closed or refused.
     """
     check_output(options.output)
+    if options.initial_map is not None:
+        require_map(options.initial_map)
     if len(options.bags) > 1 and (options.start or options.duration < math.inf):
         raise InputError("--start and --duration are for a single bag")
     with ExitStack() as stack:
@@ -98,7 +104,8 @@ def _slam(options: argparse.Namespace) -> Figures:
     compile_kernels(settings)  # not what is timed below
     began = time.perf_counter()
     drives = _mapped(tasks, options)
-    made = _joined(tasks, drives) if len(drives) > 1 else _alone(drives[0])
+    is_joined = len(drives) > 1 or options.initial_map is not None
+    made = _joined(tasks, drives, options.initial_map) if is_joined else _alone(drives[0])
     height_map, obstacle_map, layers, trajectory, report = made
     seconds = time.perf_counter() - began
     warnings = [line for drive in drives for line in drive.notices]
@@ -159,14 +166,18 @@ def _alone(drive: MappedDrive) -> _Made:
     return drive.height_map, drive.obstacle_map, drive.layers, drive.trajectory, drive.report
 
 
-def _joined(tasks: Sequence[DriveTask], drives: Sequence[MappedDrive]) -> _Made:
-    joint = join_drives(tasks, drives)
+def _joined(
+    tasks: Sequence[DriveTask], drives: Sequence[MappedDrive], initial: Path | None
+) -> _Made:
+    joint = join_drives(tasks, drives, initial)
     height_map, obstacle_map = joint.mapping.maps()
     trajectory = [step for steps in joint.trajectories for step in steps]
     placed = [
-        {"bag": str(task.path.name), **placing(found, is_first=not number)}
+        {"bag": task.path.name, **placing(found, is_first=initial is None and not number)}
         for number, (task, found) in enumerate(zip(tasks, joint.found, strict=True))
     ]
     report = joint_report(joint, drives) | {"drives": placed}
+    if initial is not None:
+        report["initial_map"] = str(initial)
     layers = joint.mapping.layers(height_map.geometry)
     return height_map, obstacle_map, layers, trajectory, report

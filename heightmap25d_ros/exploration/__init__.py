@@ -4,6 +4,6 @@
 
 `boundary` is the area that the robot may not leave, `frontiers` says which unknown cells matter
 and which cells can be looked from, `sight` predicts what would be seen there, and `explorer`
-chooses the next one, after Yamauchi, Schultz and Adams (1999). `looking` is the turn on the spot
-at such a place, and `unseen_decks` is for maps with several levels.
+chooses the next one, after Yamauchi, Schultz and Adams (1999), as the first of a `tour`. `looking`
+is the turn on the spot at such a place, and `unseen_decks` is for maps with several levels.
 """

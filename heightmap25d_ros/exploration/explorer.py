@@ -51,9 +51,6 @@ LEDGE = 3.0
 LEVEL = 0.7
 """Heights that are farther apart are of different levels [m]."""
 
-_SPECK = 3
-"""Side of a square of unknown cells [cells]; smaller ones are specks in known ground."""
-
 _SAME_Z = 0.3
 """Slices whose ground is as near to a place are both around it [m]."""
 
@@ -384,21 +381,16 @@ class Explorer:
     def choose(self, survey: Survey) -> Choice:
         """Where to go first, of the places that show at least ``min_gain``.
 
-        Places beside the unknown, where the robot would stand with a part of it over what may be a
-        drop, count only where there are no others. Where there is none at all, those from which
-        ways to that much new ground are seen.
+        Where there is none, of those from which ways to that much new ground are seen.
         """
         own = self._params.exploration
-        for is_clear in (True, False):
-            choice = self._best(survey, own.min_gain, is_clear=is_clear)
-            if choice.goal is not None:
-                return choice
+        choice = self._best(survey, own.min_gain)
+        if choice.goal is not None:
+            return choice
         opened = [_with_wanted(part, self._openings(part)) for part in survey.slices]
         if not any(part.scenery.wanted.any() for part in opened):
             return choice
-        return self._best(
-            replace(opened[0], others=tuple(opened[1:])), OPENING * own.min_gain, is_clear=False
-        )
+        return self._best(replace(opened[0], others=tuple(opened[1:])), OPENING * own.min_gain)
 
     def _openings(self, survey: Survey) -> NDArray[np.bool_]:
         """Where the robot might come to ``min_gain`` of new ground."""
@@ -426,9 +418,9 @@ class Explorer:
         climbed = math.tan(terrain.max_slope) * survey.geometry.resolution * away
         return np.asarray(survey.scenery.known & (rise > LEDGE * terrain.max_step + climbed))
 
-    def _best(self, survey: Survey, least: float, *, is_clear: bool) -> Choice:
+    def _best(self, survey: Survey, least: float) -> Choice:
         """The first place of a tour of those, in all slices, that show at least so much [m^2]."""
-        found = [self._compared(part, least, is_clear=is_clear) for part in survey.slices]
+        found = [self._compared(part, least) for part in survey.slices]
         places = np.concatenate([compared.places for compared in found])
         gains = np.concatenate([compared.gains for compared in found])
         stops = self._stops(survey, found, least)
@@ -439,14 +431,12 @@ class Explorer:
         best = stops[shortest_tour(costs, least_between(costs, at))[0]]
         return Choice(goal=best.place, gain=best.gain, places=places, gains=gains)
 
-    def _compared(self, survey: Survey, least: float, *, is_clear: bool) -> _Compared:
+    def _compared(self, survey: Survey, least: float) -> _Compared:
         """The places of one slice with the highest utilities, and what they show."""
         own, side, scenery = self._params.exploration, survey.geometry.resolution, survey.scenery
         reach = math.ceil(scenery.reach)
         cells = frontiers.viewpoints(np.isfinite(survey.costs), max(1, round(own.spacing / side)))
         cells = cells[~self._are_given_up(survey, cells)]
-        if is_clear:
-            cells = cells[self._are_clear(survey, cells)]
         bound = frontiers.count_around(scenery.wanted, cells, reach) * survey.cell_area
         cells, bound = cells[bound >= least], bound[bound >= least]
         discount = np.exp(-own.distance_weight * survey.costs[tuple(cells.T)])
@@ -515,12 +505,6 @@ class Explorer:
     def forget(self) -> None:
         """The map was begun anew."""
         self._looks_geometry, self.given_up = None, []
-
-    def _are_clear(self, survey: Survey, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Whether the ground under a robot at cells (N, 2) is known, but for specks."""
-        unknown = ndimage.binary_opening(~survey.scenery.known, np.ones((_SPECK, _SPECK)))
-        reach = self._params.planner.robot_width / 2.0 / survey.geometry.resolution
-        return np.asarray(frontiers.count_around(unknown, cells, int(reach)) == 0)
 
     def _are_given_up(self, survey: Survey, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         result = np.zeros(len(cells), np.bool_)

@@ -182,6 +182,8 @@ class HeightMap:
         Below it a cell is unknown and its height has no meaning.
     upper : UpperSurfaces
         All of them known; none in a map of one level.
+    is_level : bool
+        Whether level lasers alone have made it, which see no ground: what is known stands.
 
     Examples
     --------
@@ -204,6 +206,7 @@ class HeightMap:
     probability: NDArray[np.uint16]
     probability_threshold: float = PROBABILITY_THRESHOLD
     upper: UpperSurfaces = NO_UPPER
+    is_level: bool = False
 
     def __post_init__(self) -> None:
         for name, array in (("height", self.height), ("probability", self.probability)):

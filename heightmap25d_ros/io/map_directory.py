@@ -180,6 +180,8 @@ def save(
         }
     if height_map.suspected.any():
         optional["suspected"] = height_map.suspected
+    if height_map.is_level:
+        optional["level_lasers"] = np.bool_(True)
     with atomic_directory.replacing(directory) as temporary:
         (temporary / MAP_YAML).write_text(map_yaml(height_map.geometry), encoding="utf-8")
         (temporary / MAP_PGM).write_bytes(map_pgm(obstacle_map.occupancy))
@@ -225,8 +227,9 @@ def load(directory: Path | str, probability_threshold: float = PROBABILITY_THRES
                 f"{FORMAT_VERSION_LEVELS}"
             )
         names = [name for name in _FIELDS if _SINCE.get(name, FORMAT_VERSION) <= version]
-        if "suspected.npy" not in archive.namelist():
-            names.remove("suspected")
+        for name in ("suspected", "level_lasers"):
+            if f"{name}.npy" not in archive.namelist():
+                names.remove(name)
         fields = {name: _read_field(archive, path, name) for name in names}
     return _checked(path, fields, probability_threshold)
 
@@ -289,6 +292,7 @@ _FIELDS: Mapping[str, tuple[tuple[str, ...], int]] = {
     "frame_id": (("U",), 0),
     "z_offset": (("f",), 0),
     "suspected": (("b",), 2),
+    "level_lasers": (("b",), 0),
     "upper_cell": (("i4",), 2),
     "upper_top": (("i2",), 1),
     "upper_bottom": (("i2",), 1),
@@ -375,6 +379,7 @@ def _checked(path: Path, fields: dict[str, NDArray[Any]], threshold: float) -> L
         probability=_stored(believed),
         probability_threshold=threshold,
         upper=_upper_of(path, fields, height.shape) if "upper_cell" in fields else NO_UPPER,
+        is_level=bool(fields.get("level_lasers", False)),
     )
     return LoadedMap(height_map=height_map, frame_id=frame_id)
 

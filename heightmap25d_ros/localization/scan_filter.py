@@ -145,7 +145,7 @@ class ScanFilter:
         precision = np.asarray(np.linalg.inv(self._covariance[_POSE, _POSE]))
         found, usable = self._look(returns, T_odom_base, landmarks, precision)
         if not self._is_sharp(found) and self._moved_otherwise(
-            returns, T_odom_base, landmarks, _MISSED_GAIN * _fit(found)
+            returns, T_odom_base, landmarks, _MISSED_GAIN * fit_of(found)
         ):
             precision = np.asarray(np.linalg.inv(self._covariance[_POSE, _POSE]))
             found, usable = self._look(returns, T_odom_base, landmarks, precision)
@@ -191,8 +191,8 @@ class ScanFilter:
             if usable is None or not self._is_sharp(found):
                 continue
             is_told_apart = start @ usable.information @ start > _TOLD_APART**2
-            if is_told_apart and _fit(found) > least_fit:
-                least_fit, best = _fit(found), start + usable.error[_POSE]
+            if is_told_apart and fit_of(found) > least_fit:
+                least_fit, best = fit_of(found), start + usable.error[_POSE]
         if best is None:
             return False
         self._move(T_odom_base, (best[_X], best[_Y], best[_Z]), best[_YAW])
@@ -344,6 +344,6 @@ def _registration(found: Update, reason: Reason, returns: int) -> Registration:
     )
 
 
-def _fit(found: Registration) -> float:
-    """Share of the returns that fit, by how closely they do."""
+def fit_of(found: Registration) -> float:
+    """Share of the returns of an update that fit, by how closely they do."""
     return found.overlap * max(1.0 - found.residual / FIT, 0.0)

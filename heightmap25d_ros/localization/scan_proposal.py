@@ -8,7 +8,9 @@ that pose, prove it. The covariance grows by how far it is from the prior.
 
 A short-term map is of no use where the odometry was wrong within the last metres. There the place
 is looked for where the last returns alone fit (`scan_search`), as far around as the robot can be:
-they are from a fraction of a second, and bent by nothing.
+they are from a fraction of a second, and bent by nothing. So it is where returns fit poorly, though
+they do not contradict the map: a pose that is off by a metre in a room has most walls near some
+returns, and would be held there.
 """
 
 from __future__ import annotations
@@ -29,7 +31,7 @@ from heightmap25d_ros.localization.registration import (
     register,
     to_registration_points,
 )
-from heightmap25d_ros.localization.scan_filter import ScanFilter
+from heightmap25d_ros.localization.scan_filter import ScanFilter, fit_of
 from heightmap25d_ros.localization.scan_search import find_place
 from heightmap25d_ros.localization.short_term import LocalCells
 from heightmap25d_ros.localization.surface import Surface
@@ -39,6 +41,11 @@ from heightmap25d_ros.params.sections import Params
 COARSE = 0.12
 """Deviation of the position [m] from which on scans alone may be held to the wrong wall."""
 
+CLEAR_FIT = 0.6
+"""Of returns at a pose (`scan_filter.fit_of`), below which there may be a better one around."""
+
+_BETTER = 1.3  # times the fit at the pose before
+_LEAST_RADIUS, _LEAST_TURN = 2.5, 0.6  # [m], [rad] within which a better place is looked for
 _SURER = 0.5  # deviation, over that before, to which scans must prove a pose that is proposed
 _WRONG_WAY = 2.0  # of the way since scans agreed: the robot may have gone back in place of forth
 _MOST_RADIUS = 5.0  # [m] within which the place is looked for
@@ -94,18 +101,18 @@ class Proposal:
 
         None where there is no such pose, or the returns do not agree at it.
         """
-        if seen is not None:
+        if seen is not None and (self._is_contradicted or self.estimate.deviation[0] > COARSE):
             points = to_registration_points(seen, self.estimate.T_map_odom, self.T_odom_base)
             found = register(points, surface, self._covariance, params.registration)
             if found.reason in (Reason.ACCEPTED, Reason.FAR_FROM_PRIOR):
                 trial, proof = self._tried(found.offset, found.z, landmarks, params)
                 if self._is_better(trial, proof):
                     return Proven(trial, replace(found, reason=Reason.ACCEPTED), points, 0.0)
-        offset = self._place(landmarks) if self._is_contradicted else None
+        offset = self._place(landmarks) if fit_of(self.found) < CLEAR_FIT else None
         if offset is None:
             return None
         trial, proof = self._tried(offset, 0.0, landmarks, params)
-        if not proof.is_accepted:
+        if not proof.is_accepted or fit_of(proof) < _BETTER * fit_of(self.found):
             return None
         points = returns_to_points(
             self.returns, self.estimate.T_map_odom, self.T_odom_base, landmarks
@@ -128,8 +135,11 @@ class Proposal:
         position = (estimate.T_map_odom @ self.T_odom_base)[:3, 3]
         returns = se3.transform_points(estimate.T_map_odom, self.returns) - position
         deviation, turn = np.sqrt([np.linalg.eigvalsh(covariance[:2, :2])[-1], covariance[2, 2]])
-        radius = min(SIGMAS * deviation + _WRONG_WAY * self.doubted, _MOST_RADIUS)
-        return find_place(returns, position, landmarks, radius, SIGMAS * turn)
+        radius = SIGMAS * deviation + _WRONG_WAY * self.doubted
+        return find_place(
+            returns, position, landmarks, float(np.clip(radius, _LEAST_RADIUS, _MOST_RADIUS)),
+            max(SIGMAS * turn, _LEAST_TURN),
+        )  # fmt: skip
 
     def _tried(
         self, offset: Array, z: float, landmarks: Landmarks, params: Params

@@ -33,8 +33,14 @@ from heightmap25d_ros.localization.registration import (
     register,
     to_registration_points,
 )
-from heightmap25d_ros.localization.scan_filter import ScanFilter
-from heightmap25d_ros.localization.scan_proposal import COARSE, Proposal, Proven, returns_to_points
+from heightmap25d_ros.localization.scan_filter import ScanFilter, fit_of
+from heightmap25d_ros.localization.scan_proposal import (
+    CLEAR_FIT,
+    COARSE,
+    Proposal,
+    Proven,
+    returns_to_points,
+)
 from heightmap25d_ros.localization.scan_window import ScanWindow
 from heightmap25d_ros.localization.short_term import (
     LocalCells,
@@ -51,6 +57,8 @@ _FOUND_COVARIANCE = np.diag([0.15**2, 0.15**2, 0.03**2])  # of a pose found in t
 _MOST_HYPOTHESES = 16
 _LEAST_KNOWN = 0.8  # share of the points over known cells, for several hypotheses
 _SEARCH_INTERVAL = 1.0  # [m] travelled between two searches of the whole map
+_LOOK_INTERVAL = 1.0  # [m] travelled from one look for a better place to the next
+_JUMP = 0.5  # [m] of a correction from which on it replaces the pose
 _REPEATED = 0.1  # [m] between what two short-term maps propose one after the other
 
 
@@ -212,7 +220,7 @@ class Tracker:
         self._hypotheses = None
         self._confirmed = self._refused = 0
         self._proposed: se3.Matrix | None = None
-        self._attempt_distance = self._search_distance = -np.inf
+        self._attempt_distance = self._search_distance = self._looked_distance = -np.inf
         self._agreed_distance = self._short_term.distance
 
     def forget(self) -> None:
@@ -359,7 +367,8 @@ class Tracker:
         self._attempt_distance = distance
         points = returns_to_points(returns, prior, T_odom_base, landmarks)
         view = _View(surface, points, T_odom_base)
-        if found.reason in CONTRADICTIONS or estimate.deviation[0] > COARSE:
+        is_doubted = False
+        if self._is_proposal_due(found, distance):
             short_term_map = self._short_term.mature()
             seen = None if short_term_map is None else short_term_map.local_cells(distance)
             doubted = distance - self._agreed_distance
@@ -369,10 +378,25 @@ class Tracker:
             if self._is_repeated(proposed, T_odom_base) and proposed is not None:
                 self.estimate, found, points, _ = proposed
                 view = _View(surface, points, T_odom_base)
-        self.health.update(found, self.estimate.deviation[0])
-        if found.is_accepted and self.health.state is State.TRACKING:
+                self.jumps += int(np.hypot(*found.offset[:2]) > _JUMP)
+            else:
+                is_doubted = proposed is not None and fit_of(found) < CLEAR_FIT
+        if found.reason in CONTRADICTIONS or not is_doubted:
+            self.health.update(found, self.estimate.deviation[0])
+        if found.is_accepted and not is_doubted and self.health.state is State.TRACKING:
             self._learn(estimate.errors)
         return self._attempt(Kind.TRACKING, found, view, stamp_ns)
+
+    def _is_proposal_due(self, found: Registration, distance: float) -> bool:
+        """Whether scans do not suffice; where they fit poorly, now and then."""
+        if found.reason in CONTRADICTIONS or self.estimate.deviation[0] > COARSE:
+            return True
+        if fit_of(found) >= CLEAR_FIT:
+            return False
+        if distance - self._looked_distance >= _LOOK_INTERVAL:
+            self._looked_distance = distance
+            return True
+        return self._proposed is not None
 
     def _learn(self, errors: OdometryErrors) -> None:
         """Errors of the odometry, which it keeps wherever the robot turns out to be."""

@@ -27,6 +27,7 @@ from heightmap25d_ros.io.decode import Odometry
 from heightmap25d_ros.localization.layers import LayerMap, LocalizationLayers
 from heightmap25d_ros.mapping import cloud, sensor_model
 from heightmap25d_ros.mapping.drop_offs import DropOffs
+from heightmap25d_ros.mapping.ground_evidence import BELOW, see_ground
 from heightmap25d_ros.mapping.mapper import Mapper
 from heightmap25d_ros.params import sources
 from heightmap25d_ros.params.sections import Params
@@ -37,7 +38,7 @@ from heightmap25d_ros.pipelines.silence import LOCALIZATION, Silence
 from heightmap25d_ros.terrain.explanation import Explanation, Waiting, explain, surroundings
 from heightmap25d_ros.terrain.obstacle_grid import ObstacleGrid, covering
 from heightmap25d_ros.terrain.shown_level import ShownLevel
-from heightmap25d_ros.terrain.traversability import ObstacleMap
+from heightmap25d_ros.terrain.traversability import ObstacleMap, to_obstacle_map
 
 GIVEN_UP = 60
 """Timeouts of silence after which localization is given up, and mapping goes on without it.
@@ -45,6 +46,13 @@ GIVEN_UP = 60
 A node that searches a large map may be silent for many seconds, and is lost meanwhile.
 """
 
+ENOUGH_LEVEL_SCANS = 50
+"""Scans without any ground, after which the lasers are taken for level ones."""
+
+_LEVEL = (
+    "the lasers are level and see no ground: the map shows what stands as occupied and the rest as "
+    "unknown; it cannot be planned on"
+)
 _SCRATCH_EXTENT = 32.0  # [m] of a grid that is thrown away
 
 
@@ -104,6 +112,7 @@ class Mapping(SensorIntake[Reading]):
         self._silence = Silence([LOCALIZATION], params.intake.timeout)
         self._layers: LocalizationLayers | None = None
         self._robot: tuple[float, float, float] | None = None  # its position in the map
+        self._was_level = False
         self.clear()
 
     def clear(self, content: HeightMap | None = None, layers: LayerMap | None = None) -> None:
@@ -127,6 +136,10 @@ class Mapping(SensorIntake[Reading]):
             grid = HeightGrid(self._params.grid, anchor, self._params.levels)
             grid.write(content)
         self._has_begun = False
+        self._sees_ground = content is not None and not content.is_level
+        # z [m] in the map; what is loaded stands, whatever its height.
+        self._lowest_laser = np.inf if content is None else -np.inf
+        self._scans = ENOUGH_LEVEL_SCANS if content is not None else 0
         self._use_grid(grid)
         if self._layers is None or content is None:
             return
@@ -260,7 +273,21 @@ class Mapping(SensorIntake[Reading]):
         """
         area = self.area(max_cells)
         obstacles = self.obstacles(area)
-        return self.grid.read(self._params.mapper.probability_threshold, area), obstacles
+        return self._heights(area), obstacles
+
+    @property
+    def is_level(self) -> bool:
+        """Whether level lasers alone have made the map, so that no ground is known."""
+        return not self._sees_ground and self._scans >= ENOUGH_LEVEL_SCANS
+
+    def _heights(self, area: Area) -> HeightMap:
+        """The height map of an area; in a map of level lasers of what stands alone."""
+        found = self.grid.read(self._params.mapper.probability_threshold, area)
+        if not self.is_level:
+            return found
+        stands = ~(found.metres < self._lowest_laser - BELOW)
+        probability = np.where(stands, found.probability, np.uint16(0))
+        return replace(found, probability=probability, is_level=True)
 
     def area(self, max_cells: float | None = None) -> Area:
         """The cells of the grid that `maps` shows; parameters and errors are its."""
@@ -285,6 +312,8 @@ class Mapping(SensorIntake[Reading]):
     def obstacles(self, area: Area) -> ObstacleMap:
         """The converted map of an area of the grid."""
         self._convert()
+        if self.is_level:
+            return to_obstacle_map(self._heights(area), self._params.traversability)
         return self._obstacles.read(area)
 
     def take_changed(self) -> Area:
@@ -295,6 +324,11 @@ class Mapping(SensorIntake[Reading]):
 
     def _convert(self) -> None:
         threshold = self._params.mapper.probability_threshold
+        if self.is_level != self._was_level:
+            self._was_level = self.is_level
+            self.grid.mark_changed()
+        if self.is_level:
+            self.dropped.notice(_LEVEL)
         shown = self.grid.main_area(self._params.mapping.max_cells)
         self._level.update(self.grid, threshold, shown, self._robot)
         tiles = self._obstacles.update(self.grid, threshold, self._level)
@@ -393,6 +427,12 @@ class Mapping(SensorIntake[Reading]):
             self._begin(reading.T_map_base[0])
         beams = reading.beams(self._params)
         result = self._mapper.integrate(beams)
+        self._scans += 1
+        if not self._sees_ground:
+            self._sees_ground = see_ground(beams)
+            self._lowest_laser = min(
+                self._lowest_laser, float(beams.origins[:, 2].min(initial=np.inf))
+            )
         if self._layers is not None:
             self._layers.integrate(beams)
         if self._drop_offs is not None:

@@ -4,7 +4,8 @@
 
 Each bag is mapped by itself (`slam_drive`), on whatever process or machine; what comes of it can be
 sent. The maps are found in one another, and the joint map is made of all scans at their joint poses
-(`join_drives`), each held against the merged map once more.
+(`join_drives`), each held against the merged map once more. A saved map can be the first of them:
+then the scans go on where it ended, and what has changed since is taken out of it.
 """
 
 from __future__ import annotations
@@ -111,7 +112,8 @@ def slam_drive(task: DriveTask) -> MappedDrive:
             "submaps_m": np.round(tracker.graph.poses[:, :2], 3).tolist(),
             "loops": [asdict(attempt) for attempt in tracker.attempts],
         },
-        notices=result.slam.noticed(), dropped=dict(result.slam.dropped),
+        notices=[*result.slam.noticed(), *result.mapping.dropped.notices],
+        dropped=dict(result.slam.dropped),
     )  # fmt: skip
 
 
@@ -127,7 +129,7 @@ class JointMap:
     disagreed : float [m]
         Travelled where the merged maps and the poses that they were made of disagree.
     found : list of MapRegistration
-        Where the map of each drive lies in that of the first one.
+        Where the map of each drive lies in that of the first one, or in the initial map.
     """
 
     mapping: Mapping
@@ -136,23 +138,40 @@ class JointMap:
     found: list[MapRegistration]
 
 
-def join_drives(tasks: Sequence[DriveTask], drives: Sequence[MappedDrive]) -> JointMap:
+def join_drives(
+    tasks: Sequence[DriveTask], drives: Sequence[MappedDrive], initial: Path | None = None
+) -> JointMap:
     """Make one map of drives of one place; its frame is that of the first one.
+
+    Parameters
+    ----------
+    tasks, drives : sequence of DriveTask, of MappedDrive
+    initial : Path, optional
+        A map directory to go on from, in whose frame the drives are put.
 
     Raises
     ------
     InputError
-        If the map of one fits nowhere in the others, or in several places.
+        If the map of one fits nowhere in the others, or in several places; or the initial map
+        cannot be used.
     """
     params = tasks[0].params
-    maps = [RegisteredMap(drive.height_map, drive.layers, params) for drive in drives]
-    found = register_all(maps, [str(task.path) for task in tasks], params)
-    poses = [registration.T_fixed_moving for registration in found]
-    merged = merge_maps(maps, poses, params)
-    landmarks = None if merged.layers is None else landmarks_of(merged.height_map, merged.layers)
     mapping = Mapping(params)
+    maps = [RegisteredMap(drive.height_map, drive.layers, params) for drive in drives]
+    names = [str(task.path) for task in tasks]
+    if initial is not None:
+        mapping.load(initial)
+        height_map, _ = mapping.maps(np.inf)
+        layers = mapping.layers(height_map.geometry)
+        maps.insert(0, RegisteredMap(height_map, layers, params))
+        names.insert(0, str(initial))
+    found = register_all(maps, names, params)
+    merged = merge_maps(maps, [registration.T_fixed_moving for registration in found], params)
+    landmarks = None if merged.layers is None else landmarks_of(merged.height_map, merged.layers)
+    found = found[-len(drives) :]
     trajectories, disagreed = [], 0.0
-    for task, drive, T in zip(tasks, drives, poses, strict=True):
+    for task, drive, registration in zip(tasks, drives, found, strict=True):
+        T = registration.T_fixed_moving
         placed = [pose._replace(T_map_odom=T @ pose.T_map_odom) for pose in drive.poses]
         made = CorrectedMapping(mapping, placed, params, landmarks)
         with Bag(task.path) as bag:

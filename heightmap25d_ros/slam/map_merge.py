@@ -243,7 +243,7 @@ def _placed(
     return HeightMap(
         geometry=geometry, height=height, probability=probability,
         probability_threshold=source.probability_threshold,
-        upper=_upper(source, index, round(lift / HEIGHT_RESOLUTION)),
+        upper=_upper(source, index, round(lift / HEIGHT_RESOLUTION)), is_level=source.is_level,
     ), index  # fmt: skip
 
 
@@ -301,7 +301,7 @@ def _combined(
     probability = np.where(agrees, joint, np.maximum(first.probability, second.probability))
     merged = replace(
         first, height=height.astype(np.int16), probability=np.rint(probability).astype(np.uint16),
-        upper=_with_upper(first, second),
+        upper=_with_upper(first, second), is_level=first.is_level and second.is_level,
     )  # fmt: skip
     suspected = (first.suspected | second.suspected) & ~merged.known
     merged.height[suspected] = SUSPECTED

@@ -12,6 +12,7 @@
   over ``max_roughness``. Cells within ``robot_radius`` of an occupied one are inflated: a robot
   with its centre there touches it.
 - An unknown cell in which a drop-off is suspected has the cost of an occupied one.
+- In a map of level lasers alone, every known cell is occupied, and no ground is known.
 """
 
 from __future__ import annotations
@@ -167,6 +168,8 @@ def to_obstacle_map(
     array([[  0,   0, 100]], dtype=int8)
     """
     params = params or TraversabilityParams()
+    if height_map.is_level:
+        return _walls_alone(height_map)
     ground = analyse_ground(height_map, params) if ground is None else ground
     max_step_cm = _whole(params.max_step / HEIGHT_RESOLUTION)
     cell_cm = height_map.geometry.resolution / HEIGHT_RESOLUTION
@@ -187,6 +190,15 @@ def to_obstacle_map(
         cost=inflate(cost, disc, occupied=OCCUPIED, inflated=INFLATED),
         blocked=ground.blocked,
     )
+
+
+def _walls_alone(height_map: HeightMap) -> ObstacleMap:
+    """What level lasers have seen stands; of the ground nothing is known."""
+    occupancy = np.where(height_map.known, np.int8(OCCUPIED), np.int8(-1))
+    return ObstacleMap(
+        geometry=height_map.geometry, occupancy=occupancy, cost=occupancy.copy(),
+        blocked=np.zeros(occupancy.shape, np.uint8),
+    )  # fmt: skip
 
 
 def _whole(quantity: float) -> int:

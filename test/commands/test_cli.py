@@ -89,9 +89,9 @@ def test_convert_never_replaces_a_map_by_an_empty_one(capsys, tmp_path, ramp_map
 
 
 def small_bag(path, *, z=0.01, ranges=(2.0,) * 100, **fields):
-    """Two seconds of a robot that stands still, with one level laser."""
+    """Two seconds of a robot that stands still, with one laser, tilted so that it sees ground."""
     events = []
-    mount = tf_message((0, "base_link", "laser", (0.0, 0.0, 0.5), (0.0, 0.0, 0.0, 1.0)))
+    mount = tf_message((0, "base_link", "laser", (0.0, 0.0, 0.5), (0.0, 0.06, 0.0, 0.998)))
     events.append(("/tf_static", 10**9, mount))
     for step in range(100):
         stamp = 10**9 + step * 20_000_000

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -82,17 +84,30 @@ def test_a_map_without_walls_tells_no_place():
     assert find_place(inside(CROOKED), np.zeros(3), flat, radius=1.0, turn=0.2) is None
 
 
-def test_a_robot_that_went_back_in_place_of_forth_is_found(crooked):
-    """The odometry told 0.6 m forth: the pose is 1.2 m off, and scans contradict the map."""
+def update(overlap, residual):
+    """An update that was accepted at the wrong pose."""
+    unknown = rejected(Reason.ACCEPTED, 500)
+    return dataclasses.replace(unknown, known=overlap, overlap=overlap, residual=residual)
+
+
+CONTRADICTED = rejected(Reason.LITTLE_OVERLAP, 500)
+POOR, CLEAR = update(0.7, 0.03), update(0.9, 0.02)
+
+
+@pytest.mark.parametrize(
+    ("found", "is_looked_for"), [(CONTRADICTED, True), (POOR, True), (CLEAR, False)],
+    ids=["contradicted", "a poor fit", "a clear fit"],
+)  # fmt: skip
+def test_a_robot_that_went_back_in_place_of_forth_is_found(crooked, found, is_looked_for):
+    """The odometry told 0.6 m forth: the pose is 1.2 m off."""
     told = se3.from_xyz_rpy([0.6, 0.0, 0.0, 0.0, 0.0, 0.0])
     true = se3.from_xyz_rpy([-0.6, 0.0, 0.0, 0.0, 0.0, 0.0])
     covariance = np.diag(np.square([0.05, 0.05, 0.03]))
     estimate = ScanFilter(PARAMS, np.eye(4), covariance, unknown_errors(PARAMS))
     returns = se3.transform_points(told @ se3.inverse(true), inside(CROOKED))
-    contradicted = rejected(Reason.LITTLE_OVERLAP, len(returns))
-    proven = Proposal(estimate, contradicted, told, returns, 0.6).proven(
-        None, NO_SURFACE, crooked, PARAMS
-    )
-    assert proven is not None
+    proven = Proposal(estimate, found, told, returns, 0.6).proven(None, NO_SURFACE, crooked, PARAMS)
+    assert (proven is not None) == is_looked_for
+    if proven is None:
+        return
     assert np.abs((proven.estimate.T_map_odom @ told)[:2, 3] - true[:2, 3]).max() < 0.02
     assert proven.estimate.deviation[0] < 0.1

@@ -4,6 +4,7 @@
 
 import pickle
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from multiprocessing import get_context
 
 import numpy as np
@@ -12,7 +13,7 @@ from localization_bags import PARAMS
 from repository import ROOT
 
 from heightmap25d_ros import cli, se3
-from heightmap25d_ros.io import decode
+from heightmap25d_ros.io import decode, map_directory
 from heightmap25d_ros.io.bag import Bag
 from heightmap25d_ros.pipelines.slam_drives import (
     DriveTask,
@@ -56,6 +57,31 @@ def test_drives_are_joined_where_the_robot_was(drives):
     assert len(report["submaps_m"]) == sum(len(d.report["submaps_m"]) for d in mapped)
     known = joint.mapping.maps()[0].known.sum()
     assert known > max(drive.height_map.known.sum() for drive in mapped)
+
+
+@pytest.mark.slow
+def test_a_saved_map_is_gone_on_from_and_what_has_changed_is_updated(drives, tmp_path):
+    (_, task_of_now), (then, now) = drives
+    saved, geometry = then.height_map, then.height_map.geometry
+    iy, ix = geometry.cell_at((4.7, -0.4))
+    shelf = slice(iy - 1, iy + 2), slice(ix - 1, ix + 2)
+    assert saved.known[shelf].all()
+    assert (saved.height[shelf] < 5).all()
+    height = saved.height.copy()
+    height[shelf] = 50  # which has been moved away since
+    map_directory.save(tmp_path, replace(saved, height=height), layers=then.layers)
+    joint = join_drives([task_of_now], [now], tmp_path)
+    height_map = joint.mapping.maps()[0]
+    area = geometry.cell_center(np.argwhere(np.ones(geometry.shape)))
+    before = saved.metres.ravel()
+    inside = height_map.geometry.cell_at(area)
+    kept = height_map.geometry.contains(inside) & ~np.isnan(before)
+    again = height_map.metres[tuple(inside[kept].T)]
+    assert np.nanmedian(np.abs(again - before[kept])) < 0.02  # the frame stays
+    where = height_map.geometry.cell_at(geometry.cell_center((iy, ix)))
+    around = slice(where[0] - 1, where[0] + 2), slice(where[1] - 1, where[1] + 2)
+    np.testing.assert_allclose(height_map.metres[around], 0.0, atol=0.05)
+    assert height_map.known.sum() > saved.known.sum()
 
 
 @pytest.mark.slow
