@@ -29,6 +29,8 @@ from heightmap25d_ros.mapping import cloud, sensor_model
 from heightmap25d_ros.params import sources
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines import scan_queue
+from heightmap25d_ros.pipelines.drops import Drops
+from heightmap25d_ros.pipelines.input_watch import InputWatch
 from heightmap25d_ros.pipelines.odometry_gate import Jump
 from heightmap25d_ros.pipelines.scan_queue import Reading
 from heightmap25d_ros.pipelines.sensor_intake import SensorIntake
@@ -40,7 +42,9 @@ _LEAST_COVARIANCE = np.diag(np.square([0.01, 0.01, 0.001]))  # nobody is surer o
 
 def compile_kernels(params: Params) -> None:
     """Compile, or load from numba's cache, all that the first registration or search needs."""
-    scan_queue.sample_reading().beams(params)
+    reading = scan_queue.sample_reading()
+    reading.beams(params)
+    InputWatch().observe_ranges(reading.scan, params.sensor.no_return, Drops())
     if params.intake.cloud_topics:
         cloud.compile_kernels()
     surface = Surface(np.zeros((4, 4), np.float32), np.zeros((4, 4), bool), (0.0, 0.0), 1.0)
