@@ -196,6 +196,12 @@ def test_private_modules_stay_in_their_room() -> None:
             assert not is_private or room_of(name) == room, path
 
 
+def test_no_two_test_files_have_the_same_name() -> None:
+    """pytest imports them by their names alone, and refuses the second one."""
+    names = [path.name for path in (ROOT / "test").rglob("test_*.py")]
+    assert sorted(set(names)) == sorted(names)
+
+
 @pytest.mark.parametrize("path", [p for p in MODULES if p.parent.name != "nodes"], ids=short)
 def test_ros_is_imported_below_nodes_only(path: Path) -> None:
     ros = {name for name in run_dependencies(manifest()) if not name.startswith("python3-")}
