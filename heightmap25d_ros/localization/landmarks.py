@@ -68,6 +68,16 @@ class Landmarks:
         )  # fmt: skip
 
 
+def sample_landmarks() -> Landmarks:
+    """One wall in 8 x 8 cells of 1 m: something to compile kernels with."""
+    nothing = np.full((8, 8), -1, np.int32)
+    return Landmarks(
+        lowest=np.zeros((8, 8), np.float32), is_near=np.ones((8, 8), bool), wall_of=nothing,
+        plane_of=nothing, walls=np.zeros((1, 9)), planes=np.zeros((1, 5)), origin=(0.0, 0.0),
+        resolution=1.0,
+    )  # fmt: skip
+
+
 def landmarks_of(height_map: HeightMap, layers: LayerMap) -> Landmarks:
     """Walls and ground of a map with layers of the same cells."""
     geometry = height_map.geometry

@@ -15,7 +15,7 @@ from scipy import ndimage
 
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.kernels import kernel
-from heightmap25d_ros.localization.landmarks import ELEVATED, Landmarks
+from heightmap25d_ros.localization.landmarks import ELEVATED, Landmarks, sample_landmarks
 
 _CELL = 0.0625  # [m] of the distances, and between two positions
 _YAW_STEP = 0.035  # [rad] between two poses
@@ -94,6 +94,12 @@ def _distances(landmarks: Landmarks, middle: Array, reach: float) -> NDArray[np.
         return np.full(is_free.shape, np.float32(_FAR))
     distances = _CELL * ndimage.distance_transform_edt(is_free)
     return np.asarray(np.minimum(distances, _FAR), np.float32)
+
+
+def compile_kernels() -> None:
+    """Compile, or load from numba's cache."""
+    returns = np.tile([1.0, 1.0, 1.0], (_LEAST_RETURNS, 1))
+    find_place(returns, np.zeros(3), sample_landmarks(), radius=_CELL, turn=0.0)
 
 
 @kernel

@@ -16,13 +16,13 @@ information A counts which F does not explain (`_discounted`); no threshold deci
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.kernels import inlined_kernel, kernel
-from heightmap25d_ros.localization.landmarks import ELEVATED, Landmarks
+from heightmap25d_ros.localization.landmarks import ELEVATED, Landmarks, sample_landmarks
 from heightmap25d_ros.params.sections import ScanFilterParams
 
 FIT = 0.1
@@ -336,10 +336,5 @@ def _distance(code, at, position, cells):
 
 def compile_kernels(params: ScanFilterParams) -> None:
     """Compile, or load from numba's cache."""
-    blank: Any = np.full((8, 8), -1, np.int32)
-    landmarks = Landmarks(
-        lowest=np.zeros((8, 8), np.float32), is_near=np.ones((8, 8), bool), wall_of=blank,
-        plane_of=blank,
-        walls=np.zeros((1, 9)), planes=np.zeros((1, 5)), origin=(0.0, 0.0), resolution=1.0,
-    )  # fmt: skip
+    landmarks = sample_landmarks()
     update_by_returns(np.zeros((1, 3)), np.zeros(3), np.eye(4), landmarks, params)

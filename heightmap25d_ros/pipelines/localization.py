@@ -16,7 +16,7 @@ from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.io import decode
 from heightmap25d_ros.io.decode import Odometry
-from heightmap25d_ros.localization import matching, registration, scan_update
+from heightmap25d_ros.localization import matching, registration, scan_search, scan_update
 from heightmap25d_ros.localization.global_search import relocalize
 from heightmap25d_ros.localization.layers import LayerMap
 from heightmap25d_ros.localization.long_term_map import LongTermMap
@@ -55,6 +55,8 @@ def compile_kernels(params: Params) -> None:
     registration.register(points, surface, 1e-4 * np.eye(3), params.registration)
     relocalize(points, surface, params.registration)
     scan_update.compile_kernels(params.scan_filter)
+    scan_search.compile_kernels()
+    se3.from_xyz_rpy(se3.to_xyz_rpy(np.eye(4)))  # for a pose that is given
     scratch = ShortTermMaps(params)
     beam = np.array([[0.0, 0.0, 1.0]])
     is_hit, is_lone = np.ones(1, bool), np.zeros(1, bool)
