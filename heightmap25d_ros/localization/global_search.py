@@ -10,7 +10,6 @@ three cells; between them the refinement finds it.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from typing import NamedTuple
@@ -31,6 +30,7 @@ from heightmap25d_ros.localization.registration import (
     scale_of,
     search_points,
 )
+from heightmap25d_ros.localization.sliced_search import SlicedSearch
 from heightmap25d_ros.localization.surface import BORDER, Surface
 from heightmap25d_ros.params.sections import RegistrationParams
 
@@ -132,13 +132,10 @@ def relocalize(
     SearchResult
         Without information: a pose is not a measurement until it is confirmed.
     """
-    search = GlobalSearch(points, surface, params, prior)
-    while not search.step(np.inf):
-        pass
-    return search.result
+    return GlobalSearch(points, surface, params, prior).finish()
 
 
-class GlobalSearch:
+class GlobalSearch(SlicedSearch[SearchResult]):
     """A search of the whole map that is done in slices.
 
     Parameters
@@ -166,34 +163,11 @@ class GlobalSearch:
     ) -> None:
         self._points, self._surface, self._params = points, surface, params
         self._prior = prior
-        self._result: SearchResult | None = None
         self._ground_z = _ground_under(points)
         z_range = _Z_RANGE if self._ground_z is None else params.z_range
         self._cost = Cost(params.clip, params.unknown, z_range)
         self._nodes = 0
-        self._work = self._run()
-
-    @property
-    def result(self) -> SearchResult:
-        """What was found.
-
-        Raises
-        ------
-        ValueError
-            Before `step` has returned true.
-        """
-        if self._result is None:
-            raise ValueError("the search is not done")
-        return self._result
-
-    def step(self, seconds: float) -> bool:
-        """Go on for about this time [s]; whether the search is done."""
-        end = time.monotonic() + seconds
-        while self._result is None:
-            self._result = next(self._work)
-            if time.monotonic() >= end:
-                break
-        return self._result is not None
+        super().__init__()
 
     def _run(self) -> Iterator[SearchResult | None]:
         """The search, in pieces of some milliseconds; the last one is its result."""

@@ -10,7 +10,6 @@ correction.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
@@ -23,6 +22,7 @@ from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.localization import matching
 from heightmap25d_ros.localization.matching import Cost, Match, RegistrationPoints, Window
 from heightmap25d_ros.localization.short_term import LocalCells
+from heightmap25d_ros.localization.sliced_search import SlicedSearch
 from heightmap25d_ros.localization.surface import Surface
 from heightmap25d_ros.params.sections import RegistrationParams
 
@@ -133,13 +133,10 @@ def register(
     InputError
         If the window has so many hypotheses that the memory is not available.
     """
-    search = RegistrationSearch(points, surface, prior, params)
-    while not search.step(np.inf):
-        pass
-    return search.result
+    return RegistrationSearch(points, surface, prior, params).finish()
 
 
-class RegistrationSearch:
+class RegistrationSearch(SlicedSearch[Registration]):
     """A registration that is done in slices: a wide window takes seconds.
 
     Parameters
@@ -157,30 +154,7 @@ class RegistrationSearch:
     ) -> None:
         self._points, self._surface, self._prior = points, surface, prior
         self._params = params
-        self._result: Registration | None = None
-        self._work = self._run()
-
-    @property
-    def result(self) -> Registration:
-        """What was found.
-
-        Raises
-        ------
-        ValueError
-            Before `step` has returned true.
-        """
-        if self._result is None:
-            raise ValueError("the registration is not done")
-        return self._result
-
-    def step(self, seconds: float) -> bool:
-        """Go on for about this time [s]; whether the registration is done."""
-        end = time.monotonic() + seconds
-        while self._result is None:
-            self._result = next(self._work)
-            if time.monotonic() >= end:
-                break
-        return self._result is not None
+        super().__init__()
 
     def _run(self) -> Iterator[Registration | None]:
         """The registration, in pieces of some milliseconds; the last one is its result."""

@@ -101,7 +101,7 @@ class Proposal:
 
         None where there is no such pose, or the returns do not agree at it.
         """
-        if seen is not None and (self._is_contradicted or self.estimate.deviation[0] > COARSE):
+        if seen is not None:
             points = to_registration_points(seen, self.estimate.T_map_odom, self.T_odom_base)
             found = register(points, surface, self._covariance, params.registration)
             if found.reason in (Reason.ACCEPTED, Reason.FAR_FROM_PRIOR):

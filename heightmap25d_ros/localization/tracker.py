@@ -368,8 +368,9 @@ class Tracker:
         points = returns_to_points(returns, prior, T_odom_base, landmarks)
         view = _View(surface, points, T_odom_base)
         is_doubted = False
-        if self._is_proposal_due(found, distance):
-            short_term_map = self._short_term.mature()
+        is_unsure = found.reason in CONTRADICTIONS or estimate.deviation[0] > COARSE
+        if is_unsure or self._is_look_due(found, distance):
+            short_term_map = self._short_term.mature() if is_unsure else None
             seen = None if short_term_map is None else short_term_map.local_cells(distance)
             doubted = distance - self._agreed_distance
             proposed = Proposal(estimate, found, T_odom_base, returns, doubted).proven(
@@ -387,10 +388,8 @@ class Tracker:
             self._learn(estimate.errors)
         return self._attempt(Kind.TRACKING, found, view, stamp_ns)
 
-    def _is_proposal_due(self, found: Registration, distance: float) -> bool:
-        """Whether scans do not suffice; where they fit poorly, now and then."""
-        if found.reason in CONTRADICTIONS or self.estimate.deviation[0] > COARSE:
-            return True
+    def _is_look_due(self, found: Registration, distance: float) -> bool:
+        """Whether scans fit poorly, and a better place is to be looked for: now and then."""
         if fit_of(found) >= CLEAR_FIT:
             return False
         if distance - self._looked_distance >= _LOOK_INTERVAL:
