@@ -10,5 +10,6 @@ levels are two messages (`level_map`). `sensor_intake` hands what the queue rele
 its `mission`, the `path_requests` of others and the `speed_limit`. `replay` feeds a bag, and
 `from_bag` does so in one call. `exploration` chooses goals for an `exploration_task`, and
 `path_following` drives along the plan. `drops` decodes messages and counts those that are not used;
-`input_watch` and `self_check` find out what is missing, and `silence` who has fallen silent.
+`input_watch`, with its `mount_watch`, and `self_check` find out what is missing, and `silence` who
+has fallen silent.
 """

@@ -18,7 +18,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
-from node_client import Client, start
+from node_client import PATIENCE, Client, start
 from repository import BAGS
 from tally import Tally, random_of
 
@@ -191,6 +191,7 @@ def soak(seconds: float, rate: float, directory: Path) -> Tally:
         topics = [f"{t}:=/soak{t}" for t in ("/scan", "/scan_down", "/odom")]
         replay = start(
             "nodes.replay", str(BAGS / "room_1"), "--loop", "--rate", str(rate),
+            "--topics", "/scan", "/scan_down", "/odom", "/tf_static", "--wait", str(PATIENCE),
             *(word for topic in topics for word in ("--remap", topic)),
         )  # fmt: skip
         stack.callback(replay.wait)
