@@ -6,6 +6,6 @@
 paper's update of one cell, `level_update` that of a cell with several surfaces, `mapper` traces
 each beam through the grid and marks `changed_tiles`, and `drop_offs` marks what beams tell of
 beyond edges.
-`ground_evidence` tells whether lasers see any ground; `driven_ground` and `side_slip` tell whether
-they are mounted as assumed.
+`ground_evidence` tells whether lasers see any ground; `driven_ground` and `side_slip` tell by
+`scan_points` whether they are mounted as assumed.
 """

@@ -22,13 +22,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heightmap25d_ros import se3
+from heightmap25d_ros.kernels import kernel
+from heightmap25d_ros.mapping.scan import Scan
+from heightmap25d_ros.mapping.scan_points import count_of_points, scan_points
 
 _SPACING = 0.25  # [m] of travel between two places at which the ground is compared
 _KEPT = 50_000  # returns: those of 14 m of travel, since level lasers look far
 _NEAREST = 0.8  # [m] from the laser: nearer ones may be of the robot
-_LENGTH, _WIDTH = 0.3, 0.25  # [m] from base_link: under the robot, whatever robot
-_UNDER = np.array([_LENGTH, _WIDTH, 1.0])
+_LENGTH, _WIDTH, _HEIGHT = 0.3, 0.25, 1.0  # [m] from base_link: under the robot, whatever robot
 _FEW = 2  # returns of a scan that count; a single one may be of anything
+_SCANS = 200  # whose returns are compared at a place
 _PLACES = 200  # that are remembered
 _ENOUGH = 5  # places from which on angles are estimated
 _NOISE = np.radians(0.5)  # of a direction: errors of the pose between seeing and driving
@@ -50,67 +53,64 @@ class DrivenGround:
     def __init__(self) -> None:
         self._travelled = self._compared_at = 0.0
         self._scans = self._next = 0
-        # Components by rows: only the first one is looked at in all of them.
-        self._seen = np.full((7, _KEPT), np.nan)  # x, y, z in odom, lever, number of the scan
+        self._corner: NDArray[np.float64] | None = None  # [m], odom: of the places
+        self._places = np.full(
+            (_KEPT, 2), np.nan, np.float32
+        )  # of the points, to be looked through
+        self._points, self._levers = np.empty((2, _KEPT, 3))
+        self._scan_of = np.empty(_KEPT, np.int64)
         self._compared: deque[NDArray[np.float64]] = deque(maxlen=_PLACES)
 
     def restart(self) -> None:
         """The poses of before are not connected with those that come; what was found stays."""
-        self._seen.fill(np.nan)
+        self._places.fill(np.nan)
+        self._corner = None
 
     def observe(
         self,
+        scan: Scan,
         T_odom_base: se3.Matrix,
+        T_base_sensor: se3.Matrix,
         travelled: float,
-        points: NDArray[np.float64],
-        lever: NDArray[np.float64],
+        step: int,
     ) -> None:
         """Take in a scan, at a place that the robot has reached.
 
         Parameters
         ----------
-        T_odom_base : (4, 4) float64
+        scan : Scan
+        T_odom_base, T_base_sensor : (N, 4, 4) or (1, 4, 4) float64
+            At each beam's own time, or once for all beams.
         travelled : float [m]
             Since the scan before.
-        points : (N, 3) float64 [m], odom
-        lever : (N, 3) float64 [m], base_link
-            From the laser to the points.
+        step : int
+            Every so many-th beam is looked at.
         """
+        if self._corner is None:
+            self._corner = T_odom_base[0, :2, 3].copy()
         self._travelled += travelled
         if self._travelled >= self._compared_at:
             self._compared_at = self._travelled + _SPACING
-            self._compare(T_odom_base)
-        is_far = np.hypot(lever[:, 0], lever[:, 1]) > _NEAREST
-        self._keep(np.hstack([points, lever])[is_far].T)
-
-    def _keep(self, returns: NDArray[np.float64]) -> None:
-        """Put returns (6, N) in place of the oldest ones."""
-        count = returns.shape[1]
+            self._compare(T_odom_base[0])
+        count = min(count_of_points(scan, step), _KEPT)
         if self._next + count > _KEPT:
-            self._seen[:, self._next :] = np.nan
+            self._places[self._next :] = np.nan
             self._next = 0
         kept = slice(self._next, self._next + count)
-        self._seen[:6, kept], self._seen[6, kept] = returns, self._scans
         self._next += count
         self._scans += 1
+        points = self._points[kept]
+        scan_points(scan, T_odom_base, T_base_sensor, step, points, self._levers[kept])
+        self._scan_of[kept] = self._scans
+        np.subtract(points[:, :2], self._corner, out=self._places[kept], casting="same_kind")
 
     def _compare(self, T_odom_base: se3.Matrix) -> None:
-        """The direction and the height over the distance of each scan's returns from here."""
-        robot, reach = T_odom_base[:3, 3], _LENGTH + _WIDTH
-        near = np.flatnonzero(np.abs(self._seen[0] - robot[0]) < reach)
-        returns = self._seen[:, near]
-        here = T_odom_base[:3, :3].T @ (returns[:3] - robot[:, None])
-        is_under = (np.abs(here) < _UNDER[:, None]).all(axis=0)
-        (_, _, above), returns = here[:, is_under], returns[:, is_under]
-        found = []
-        for number in np.unique(returns[6]):
-            of_scan = returns[6] == number
-            x, y = returns[3:5, of_scan]
-            if len(x) >= _FEW:
-                values = np.stack([y, -x, above[of_scan]]) / np.hypot(x, y)
-                found.append(np.median(values, axis=1))
-        if found:
-            self._compared.append(np.array(found))
+        """The mean direction, and height over distance, of each scan's returns from here."""
+        found = _compared(
+            self._places, self._corner, self._points, self._levers, self._scan_of, T_odom_base
+        )
+        if len(found):
+            self._compared.append(found)
 
     def tilt(self) -> Tilt | None:
         """What is known of roll and pitch; None as long as too few places were compared.
@@ -132,3 +132,37 @@ class DrivenGround:
         noise = max(float(np.median(off)) * 1.5, _NOISE)
         deviation = noise * np.sqrt(np.diag(np.linalg.inv(normal)))
         return Tilt(*angles.tolist(), *deviation.tolist())
+
+
+@kernel
+def _compared(places, corner, points, levers, scan_of, T_base):
+    """(K, 3): sine and minus cosine of the direction, height over distance; a row for a scan."""
+    found = np.empty((_SCANS + 1, 3))
+    rows, count, scan, reach = 0, 0, -1, np.float32(_LENGTH + _WIDTH)
+    middle_x, middle_y = np.float32(T_base[0, 3] - corner[0]), np.float32(T_base[1, 3] - corner[1])
+    for i in range(len(places)):
+        is_near = abs(places[i, 0] - middle_x) < reach and abs(places[i, 1] - middle_y) < reach
+        if not is_near:
+            continue
+        x, y, z = (
+            points[i, 0] - T_base[0, 3],
+            points[i, 1] - T_base[1, 3],
+            points[i, 2] - T_base[2, 3],
+        )
+        distance = np.hypot(levers[i, 0], levers[i, 1])
+        ahead = x * T_base[0, 0] + y * T_base[1, 0] + z * T_base[2, 0]
+        left = x * T_base[0, 1] + y * T_base[1, 1] + z * T_base[2, 1]
+        above = x * T_base[0, 2] + y * T_base[1, 2] + z * T_base[2, 2]
+        is_under = abs(ahead) < _LENGTH and abs(left) < _WIDTH and abs(above) < _HEIGHT
+        if not is_under or distance < _NEAREST:
+            continue
+        if scan_of[i] != scan:
+            rows = min(rows + (count >= _FEW), _SCANS)
+            scan, count = scan_of[i], 0
+            found[rows] = 0.0
+        count += 1
+        found[rows, 0] += (levers[i, 1] / distance - found[rows, 0]) / count
+        found[rows, 1] += (-levers[i, 0] / distance - found[rows, 1]) / count
+        found[rows, 2] += (above / distance - found[rows, 2]) / count
+    rows = min(rows + (count >= _FEW), _SCANS)
+    return found[:rows].copy()

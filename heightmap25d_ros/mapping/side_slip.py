@@ -22,6 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heightmap25d_ros import se3
+from heightmap25d_ros.mapping.scan import Scan
+from heightmap25d_ros.mapping.scan_points import count_of_points, scan_points
 
 _SPAN = 2.0  # [m] of travel between two scans that are aligned
 _STRAIGHT = 0.5  # share of it by which they are apart at least
@@ -29,11 +31,11 @@ _BESIDE = 3  # returns on each side of one that make a straight piece with it
 _LONGEST, _BENT = 1.0, 0.04  # [m] length of such a piece, and how far it may bend
 _NEAR, _FAR = 0.5, 15.0  # [m] from the laser
 _ENOUGH = 25  # straight pieces that are aligned
-_MOST = 250  # of a scan: more tell nothing new
-_ROUNDS = 8
+_MOST = 120  # of a scan: more tell nothing new
+_ROUNDS = 6
 _REACHES = (0.5, 0.5, 0.5, 0.25)  # [m] between pieces that are aligned, by round; then the last one
 _ALIKE = 0.95  # cosine of the angle between them
-_NOISE = 0.03  # [m] of a piece
+_NOISE = 0.02  # [m] of a piece
 _DEVIATION = np.radians(0.5)  # of an angle that counts
 _REMEMBERED = 40  # angles
 
@@ -71,28 +73,32 @@ class SideSlip:
 
     def observe(
         self,
+        scan: Scan,
         T_odom_base: se3.Matrix,
+        T_base_sensor: se3.Matrix,
         travelled: float,
-        points: NDArray[np.float64],
-        distances: NDArray[np.float64],
+        step: int,
     ) -> None:
         """Take in a scan, at a place that the robot has reached.
 
         Parameters
         ----------
-        T_odom_base : (4, 4) float64
+        scan : Scan
+        T_odom_base, T_base_sensor : (N, 4, 4) or (1, 4, 4) float64
+            At each beam's own time, or once for all beams.
         travelled : float [m]
             Since the scan before.
-        points : (N, 3) float64 [m], odom
-            In the order of the beams; NaN where there is no return.
-        distances : (N,) float64 [m]
-            From the laser.
+        step : int
+            Every so many-th beam is looked at.
         """
         self._travelled += travelled
         if self._before is not None and self._travelled < _SPAN:
             return
         self._travelled = 0.0
-        pieces = _Pieces(*_straight_pieces(points[:, :2], distances), T_odom_base[:2, 3])
+        points, lever = np.empty((2, count_of_points(scan, step), 3))
+        scan_points(scan, T_odom_base, T_base_sensor, step, points, lever)
+        distances = np.hypot(lever[:, 0], lever[:, 1])
+        pieces = _Pieces(*_straight_pieces(points[:, :2], distances), T_odom_base[0, :2, 3])
         if self._before is not None and min(map(len, (pieces.places, self._before.places))):
             angle = _angle(self._before, pieces)
             if angle is not None:

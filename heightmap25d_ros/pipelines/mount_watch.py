@@ -8,6 +8,7 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Iterator
 
 import numpy as np
@@ -30,13 +31,13 @@ class MountWatch:
     """Judges the mounts of all lasers."""
 
     def __init__(self) -> None:
-        self._lasers: dict[str, _Laser] = {}
+        self._lasers: dict[str, _Laser] = defaultdict(_Laser)
 
     def observe(
         self, topic: str, scan: Scan, T_odom_base: se3.Matrix, T_base_sensor: se3.Matrix
     ) -> None:
         """A scan has its poses, (N, 4, 4) or (1, 4, 4), as in a `Reading`."""
-        self._lasers.setdefault(topic, _Laser()).observe(scan, T_odom_base, T_base_sensor)
+        self._lasers[topic].observe(scan, T_odom_base, T_base_sensor)
 
     def fault(self) -> str:
         """Which mounts are off, and by how much; empty where none is known to be."""
@@ -63,16 +64,8 @@ class _Laser:
             self._slip.restart()
             travelled = 0.0
         step = 1 + len(scan.ranges) // _BEAMS
-        ranges = scan.ranges[::step].astype(np.float64)
-        ranges[~((ranges > scan.range_min) & (ranges < scan.range_max))] = np.nan
-        angles = scan.angle_min + scan.angle_increment * step * np.arange(len(ranges))
-        in_plane = np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles)])
-        T_odom, T_base = (T[::step] if len(T) > 1 else T for T in (T_odom_base, T_base_sensor))
-        lever = _turned(T_base[:, :3, :2], in_plane)
-        points = _turned(T_odom[:, :3, :3], lever + T_base[:, :3, 3]) + T_odom[:, :3, 3]
-        is_return = np.isfinite(ranges)
-        self._ground.observe(T_odom_base[0], travelled, points[is_return], lever[is_return])
-        self._slip.observe(T_odom_base[0], travelled, points, ranges)
+        self._ground.observe(scan, T_odom_base, T_base_sensor, travelled, step)
+        self._slip.observe(scan, T_odom_base, T_base_sensor, travelled, step)
 
     def faults(self) -> Iterator[str]:
         tilt, slip = self._ground.tilt(), self._slip.slip()
@@ -81,11 +74,6 @@ class _Laser:
             yield from _told("pitch", tilt.pitch, tilt.pitch_deviation)
         if slip is not None and slip.spans >= _SPANS:
             yield from _told("yaw", slip.yaw, slip.deviation)
-
-
-def _turned(rotations: NDArray[np.float64], vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N, K) vectors by (N or 1, K, J) rotations."""
-    return np.asarray((rotations @ vectors[..., None])[..., 0])
 
 
 def _told(axis: str, angle: float, deviation: float) -> Iterator[str]:
