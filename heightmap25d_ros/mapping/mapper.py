@@ -328,7 +328,7 @@ def _clear(  # noqa: PLR0913
         )
         if (meets < stop or is_among) and _clear_tile(
             tile, begin if is_among else max(begin, meets), stop, x, y,
-            z, fall / _TICKS, distance, metres, lacking, length - _END,
+            z, fall / _TICKS, distance, metres, lacking, length - _END, origin[2],
             heights, probabilities, candidate_heights, candidates,
             layers, is_among, judged, model, rule,
         ):  # fmt: skip
@@ -372,7 +372,7 @@ def _margin(fall, rule):
 
 @inlined_kernel
 def _clear_tile(  # noqa: PLR0913
-    tile, start, stop, x, y, z, fall, distance, metres, lacking, end,
+    tile, start, stop, x, y, z, fall, distance, metres, lacking, end, sensor_z,
     heights, probabilities, candidate_heights, candidates,
     layers, is_among, judged, model, rule,
 ):  # fmt: skip
@@ -412,7 +412,7 @@ def _clear_tile(  # noqa: PLR0913
                 after = miss(before, beam_height, passed, model, rule)
                 if (
                     after[1] < rule.known
-                    and _is_overhead(before, beam_height, rule)
+                    and _is_overhead(before, beam_height, sensor_z, rule)
                     and lift(cell, tile, before, layers, rule)
                 ):
                     after = before[0], np.int64(0), np.int64(0), np.int64(0)
@@ -441,9 +441,13 @@ def _has_upper(cell, layers, rule):
 
 
 @inlined_kernel
-def _is_overhead(cell, beam_height, rule):
-    """Whether the robot fits below a surface that a beam passed under."""
-    return cell[1] >= rule.known and cell[0] - beam_height >= rule.clear
+def _is_overhead(cell, beam_height, sensor_z, rule):
+    """Whether the robot fits below a surface that a beam passed under, or that it rose to."""
+    beyond = cell[0] - beam_height
+    is_above = beyond >= rule.clear or (
+        beyond >= 2 * rule.tolerance and cell[0] - sensor_z >= rule.clear
+    )
+    return cell[1] >= rule.known and is_above
 
 
 @kernel

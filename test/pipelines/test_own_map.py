@@ -165,7 +165,7 @@ def test_when_a_loop_is_closed_the_map_follows_its_submaps(start):
     before, _ = differing(mended.maps()[0], expected)
     assert mended.take_submaps(path_of(poses, begun))
     after, known = differing(mended.maps()[0], expected)
-    assert (before, after, known) == 0
+    assert after < 0.03 < 0.1 < before
     assert known > 0.9
     assert not mended.take_submaps(path_of(poses, begun))
     layers, again = (m.layers(m.maps()[0].geometry) for m in (true, mended))
