@@ -78,14 +78,13 @@ class LocalizationNode(ManagedNode):
 
     def outputs(self) -> list[Output]:
         """The pose in three forms, what is registered, how sure the pose is, and its own map."""
-        own_map = self.params.localization.own_map
         return [
             Output(PoseWithCovarianceStamped, "pose_correction", qos.QUEUE),
             Output(PoseWithCovarianceStamped, "pose", qos.QUEUE),
             Output(TFMessage, "/tf", qos.POSES),
             Output(HeightGrid, "short_term_grid", qos.LATCHED),
             Output(LocalizationStatus, "~/status", qos.LATCHED),
-            *([Output(Path, "~/submaps", qos.LATCHED)] if own_map else []),
+            Output(Path, "~/submaps", qos.LATCHED),
         ]
 
     def offered_services(self) -> list[Service]:
