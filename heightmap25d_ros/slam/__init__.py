@@ -7,7 +7,8 @@ corrected pose. What it has mapped is kept in `submaps` of some metres, each rig
 the `sightings` of their cells; `own_map` joins those around the robot for the scan filter and for
 searches. `loop_closure` finds the robot in older submaps, and `pose_graph` moves all of them to
 where they agree.
-`own_map_localization` does all of this while the robot drives, `map_pass` holds a recorded drive
-against the finished map once more. `map_registration` finds a finished map in another one, and
+`own_map_localization` does all of this while the robot drives. Of a recorded drive, `refinement`
+finds all poses together afterwards: a `bundle` of poses and of the `patches` that they have seen.
+`map_pass` holds a drive against a map of several. `map_registration` finds a finished map in another one, and
 `map_merge` makes one of both.
 """

@@ -30,6 +30,7 @@ from heightmap25d_ros.localization.short_term import distance_travelled
 from heightmap25d_ros.localization.tracking_state import CONTRADICTIONS
 from heightmap25d_ros.mapping.sensor_model import Beams
 from heightmap25d_ros.params.sections import Params
+from heightmap25d_ros.slam.bundle import Keyframe
 from heightmap25d_ros.slam.loop_closure import Found, Query, same_drift, search
 from heightmap25d_ros.slam.map_pass import ScanPose
 from heightmap25d_ros.slam.own_map import landmarks_around, surroundings
@@ -45,6 +46,7 @@ _QUERY_VIEWS, _VIEW_DISTANCE, _VIEW_RETURNS = 12, 0.5, 300  # windows of returns
 _SIGMAS, _LEAST_RADIUS = 3.0, 1.0  # of a search for the robot; [m]
 _LEAST_TURN = 0.2  # [rad] likewise
 _IN_DOUBT = 1.0  # [m] travelled in contradiction to the map, without a new one being begun
+_KEYFRAME_DISTANCE, _KEYFRAME_RETURNS = 0.08, 600  # [m] from one to the next
 _MOSTLY_KNOWN = 0.3  # share of the returns, below which the map is used anew at once
 
 
@@ -121,7 +123,7 @@ class OwnMapTracker:
     T_map_odom : (4, 4) float64, optional
         Where the odometry's frame is in the map at first; the same by default.
     is_recording : bool
-        Whether `placed` is kept, which grows with time.
+        Whether `placed` and `keyframes` are kept, which grow with time and distance.
 
     Attributes
     ----------
@@ -131,6 +133,7 @@ class OwnMapTracker:
         Of the beginnings of the submaps.
     attempts : list of LoopAttempt
     placed : list of Placed
+    keyframes : list of Keyframe
     estimate : ScanFilter
         The correction of the odometry; its covariance is that to the active submaps.
     distance : float [m]
@@ -153,6 +156,7 @@ class OwnMapTracker:
         self.graph = PoseGraph()
         self.attempts: list[LoopAttempt] = []
         self.placed: list[Placed] = []
+        self.keyframes: list[Keyframe] = []
         self.estimate = ScanFilter(
             params, np.eye(4) if T_map_odom is None else T_map_odom, _START, unknown_errors(params)
         )
@@ -163,7 +167,7 @@ class OwnMapTracker:
         self._T_odom_base: se3.Matrix | None = None
         self._landmarks: Landmarks | None = None
         self._active: list[Submap] = []
-        self._refreshed = self._submap_begun = self._viewed = -np.inf
+        self._refreshed = self._submap_begun = self._viewed = self._kept = -np.inf
         self._agreed = 0.0  # [m] travelled at the last update that the map did not contradict
         self._observed = 0.0  # [m] travelled at the last one that observed something
         self._is_contradicted = False
@@ -265,10 +269,22 @@ class OwnMapTracker:
         if found.reason not in CONTRADICTIONS:
             self._window.confirm()
         self._drift.see(found)
+        if self._is_recording and self.distance - self._kept >= _KEYFRAME_DISTANCE:
+            self._keep(returns)
         if self.distance - self._viewed >= _VIEW_DISTANCE:
             self._viewed = self.distance
             some = returns[:: 1 + len(returns) // _VIEW_RETURNS]
             self._views.append(_View(some, len(self.submaps) - 1, self._T_submap_odom()))
+
+    def _keep(self, returns: Array) -> None:
+        """Keep a moment of the drive, with its returns."""
+        assert self._T_odom_base is not None
+        self._kept = self.distance
+        some = returns[:: 1 + len(returns) // _KEYFRAME_RETURNS].astype(np.float32)
+        self.keyframes.append(Keyframe(
+            len(self.placed) + len(self._waiting) - 1, len(self.submaps) - 1,
+            self._T_submap_odom(), self._T_odom_base, some,
+        ))  # fmt: skip
 
     def _T_submap_odom(self) -> se3.Matrix:
         T_submap_map = se3.inverse(self.submaps[-1].T_map_submap)
