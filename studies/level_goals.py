@@ -25,7 +25,7 @@ from heightmap25d_ros.io import decode
 from heightmap25d_ros.io.bag import Bag
 from heightmap25d_ros.params.sections import LevelsParams, Params
 from heightmap25d_ros.planning.level_planner import planner_over
-from heightmap25d_ros.planning.plan import Plan, Pose2D
+from heightmap25d_ros.planning.plan import Plan
 
 _SAME_LEVEL = 0.35  # [m] of a pose from the surface that it is on
 
@@ -130,23 +130,20 @@ def places(folder: Path, seeds: list[int], params: Params) -> None:
             start = place(read_goals(bag / "truth" / "goals.npz").start[0])
             passed = _passed_twice(bag)
             right = sum(
-                all(planner.plan(start, Pose2D(x, y, z=z)).found for z in heights)
-                for x, y, *heights in passed
+                all(planner.plan(start, place(position)).found for position in positions)
+                for positions in passed
             )
             print(f"| `{world}`, {seed} | {len(passed)} | {right} |", flush=True)
 
 
-def _passed_twice(bag: Path) -> list[tuple[float, ...]]:
-    """Places (x, y, z below, z above), 0.5 m apart, at which the robot was on two levels."""
+def _passed_twice(bag: Path) -> list[tuple[Any, Any]]:
+    """Lowest and highest position (x, y, z) in cells of 0.5 m where the robot was on two levels."""
     with Bag(bag) as opened:
         poses = [
             decode.odometry(event.message).T[:3, 3] for event in opened.events(["/ground_truth"])
         ]
     at = np.array(poses)
-    found: dict[tuple[int, ...], tuple[float, ...]] = {}
-    for cell in {tuple(cell) for cell in np.rint(at[:, :2] / 0.5).astype(int).tolist()}:
-        near = at[np.hypot(*(at[:, :2] - 0.5 * np.array(cell)).T) < 0.2]
-        if len(near) and np.ptp(near[:, 2]) > LevelsParams().clear_height:
-            low, high = near[near[:, 2].argmin()], near[near[:, 2].argmax()]
-            found[cell] = (float(low[0]), float(low[1]), float(low[2]), float(high[2]))
-    return list(found.values())
+    cells = np.rint(at[:, :2] / 0.5).astype(int)
+    inside = (at[(cells == cell).all(axis=1)] for cell in np.unique(cells, axis=0))
+    extremes = ((near[near[:, 2].argmin()], near[near[:, 2].argmax()]) for near in inside)
+    return [(low, high) for low, high in extremes if high[2] - low[2] > LevelsParams().clear_height]
