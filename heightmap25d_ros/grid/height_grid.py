@@ -94,6 +94,16 @@ class TiledArray:
         ty, tx = area.iy // TILE, area.ix // TILE
         self.cells[ty : ty + tiles_y, tx : tx + tiles_x] = block
 
+    def put(self, area: Area, values: NDArray[Any]) -> None:
+        """Store a dense array (rows, columns) at any area inside of the array."""
+        iy, ix = area.iy // TILE * TILE, area.ix // TILE * TILE
+        rows = -(-(area.iy + area.rows) // TILE) * TILE - iy
+        columns = -(-(area.ix + area.columns) // TILE) * TILE - ix
+        whole = Area(iy, ix, rows, columns)
+        dense = self.read(whole)
+        dense[area.slices(whole)] = values
+        self.write(whole, dense)
+
 
 class HeightGrid:
     """The growing map: a height and a probability per cell, and a candidate.

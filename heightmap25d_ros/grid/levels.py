@@ -117,6 +117,25 @@ class UpperSurfaces:
         """Those outside of a rectangle of cells."""
         return self.where(~self._inside(iy, ix, rows, columns))
 
+    def at(
+        self, index: NDArray[np.int64], columns: int, lift: NDArray[np.int32] | int
+    ) -> UpperSurfaces:
+        """Those of other cells (rows, columns), lifted [cm].
+
+        Each cell has the surfaces of the one with a flat index in the rows of these; -1: none.
+        """
+        flat = self.cell[:, 0] * columns + self.cell[:, 1]
+        begins, ends = (np.searchsorted(flat, index, side) for side in ("left", "right"))
+        has_some = ends > begins
+        count = (ends - begins)[has_some]
+        chosen = np.repeat(begins[has_some], count)
+        chosen += np.concatenate([np.arange(0), *(np.arange(n) for n in count)])
+        lifts = np.repeat(np.broadcast_to(lift, index.shape)[has_some], count)
+        return UpperSurfaces.of(
+            np.repeat(np.argwhere(has_some), count, axis=0), self.top[chosen] + lifts,
+            self.bottom[chosen] + lifts, self.probability[chosen],
+        )  # fmt: skip
+
     def with_others(self, others: UpperSurfaces) -> UpperSurfaces:
         """These and those of other cells."""
         return UpperSurfaces.of(

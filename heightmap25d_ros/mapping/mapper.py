@@ -28,6 +28,7 @@ from heightmap25d_ros.grid.height_map import (
 from heightmap25d_ros.grid.levels import BELIEF
 from heightmap25d_ros.kernels import inlined_kernel, kernel
 from heightmap25d_ros.mapping.cell_update import Likelihoods, Rule, hit, is_contradicted, miss
+from heightmap25d_ros.mapping.changed_tiles import include
 from heightmap25d_ros.mapping.level_update import (
     BELIEFS,
     CHANGED,
@@ -243,9 +244,9 @@ def _integrate(  # noqa: PLR0913
         is_changed = after[0] != before[0] or before[1] < rule.known or outcome == CHANGED
         if is_changed and tile_changed[tile] == 0:
             tile_changed[tile] = 1
-            _include(iy // TILE, ix // TILE, changed)
+            include(iy // TILE, ix // TILE, changed)
         if tile_top[tile] == 0:
-            _include(iy // TILE, ix // TILE, observed)
+            include(iy // TILE, ix // TILE, observed)
         tile_top[tile] = max(tile_top[tile], max(after[0], z) + TOP_BIAS)
         hits += 1
     return hits, out_of_range, outside, surplus
@@ -265,14 +266,6 @@ def _in_cells(points, index, corner, cells_per_metre):
     x = (points[index, 0] - corner[0]) * cells_per_metre
     y = (points[index, 1] - corner[1]) * cells_per_metre
     return x, y, (points[index, 2] - corner[2]) * (1.0 / HEIGHT_RESOLUTION)
-
-
-@inlined_kernel
-def _include(ty, tx, bounds):
-    """Extend bounds, as of `HeightGrid.observed`, by a tile."""
-    bounds[0], bounds[1] = min(bounds[0], ty), min(bounds[1], tx)
-    bounds[2], bounds[3] = max(bounds[2], ty), max(bounds[3], tx)
-    bounds[4] += 1
 
 
 @inlined_kernel
@@ -338,7 +331,7 @@ def _clear(  # noqa: PLR0913
         ):  # fmt: skip
             if tile_changed[tile] == 0:
                 tile_changed[tile] = 1
-                _include(index // columns, index % columns, changed)
+                include(index // columns, index % columns, changed)
             tile_top[tile] = _top_of(
                 tile, heights, probabilities, candidate_heights, candidates, rule
             )
