@@ -54,7 +54,7 @@ EXECUTABLES = ROOT / "install" / "heightmap25d_ros" / "lib" / "heightmap25d_ros"
 PARAMS = ROOT / "config" / "atrvjr.yaml"
 WORLD = "ramp"
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-PATIENCE = 60.0  # [s] for a node to start, and for a service to answer
+PATIENCE = 180.0  # [s] for a node to start, and for a service to answer
 LONGEST = 120.0  # [s], simulated: a drive that takes longer is given up
 STANDS = 0.01  # [m/s]
 AGAIN = 1.0  # [s] from one time that a goal is sent to the next
