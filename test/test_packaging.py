@@ -174,6 +174,12 @@ def test_imports_point_down_the_storeys(path: Path) -> None:
     assert own - {room} <= set(ROOMS[: ROOMS.index(room)])
 
 
+def test_the_readme_tells_where_each_room_is() -> None:
+    table = (ROOT / "README.md").read_text().split("## Where things are")[1].split("\n## ")[0]
+    told = set(re.findall(r"`(\w+)(?:/|\.py)`", table))
+    assert set(ROOMS) <= told
+
+
 def test_no_module_imports_itself_by_way_of_others() -> None:
     def dotted(path: Path) -> str:
         return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")

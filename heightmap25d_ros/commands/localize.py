@@ -27,6 +27,7 @@ from heightmap25d_ros.commands.common import (
     require_map,
     warn,
 )
+from heightmap25d_ros.commands.stretch import add_stretch, stretch
 from heightmap25d_ros.evaluation import trajectory_error
 from heightmap25d_ros.evaluation.trajectory_error import TrajectoryError
 from heightmap25d_ros.grid.height_map import HeightMap
@@ -61,6 +62,7 @@ def add_to(commands: Any) -> None:
     command.add_argument("--initial", type=_pose, metavar="X,Y,Z,YAW",
                          help="where the robot is at the first odometry [m, rad] (default: odom "
                          "and map are the same)")  # fmt: skip
+    add_stretch(command)
     add_topics(command)
 
 
@@ -82,6 +84,7 @@ def _localize(options: argparse.Namespace) -> Figures:
     with Bag(options.bag) as bag:
         settings = read_bag_params(options, [bag], "localization")
         odom_topic, _ = pose_topic(bag, options.odom_topic, settings.intake)
+        part = stretch(bag, options)
         long_term = map_directory.load_in(
             options.map, settings.mapper.probability_threshold, settings.mapping.map_frame
         )
@@ -94,7 +97,7 @@ def _localize(options: argparse.Namespace) -> Figures:
         corrected: Trajectory = []
         odometry: Trajectory = []
         began = time.perf_counter()
-        for step in replayed(bag, localizer, odom_topic, settings.intake):
+        for step in replayed(bag, localizer, odom_topic, settings.intake, part):
             attempts += step.outcomes
             pose = localizer.pose
             is_new = pose is not None and (not corrected or pose.stamp_ns != corrected[-1][0])
@@ -103,11 +106,11 @@ def _localize(options: argparse.Namespace) -> Figures:
                 odometry.append((pose.stamp_ns, se3.inverse(pose.T_map_odom) @ pose.T_map_base))
         seconds = time.perf_counter() - began
         truth = _truth(bag, settings)
-        duration = bag.duration
     if not attempts:
         raise localizer.nothing_of(bag.path, "nothing to register")
     warnings = localizer.noticed()
     warn(warnings)
+    duration = (part[1] - part[0]) * 1e-9
     T_map_odom = corrected[0][1] @ se3.inverse(odometry[0][1])
     odometry = [(stamp, T_map_odom @ T) for stamp, T in odometry]
     with atomic_directory.adding(options.output) as new:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The options ``--start`` and ``--duration`` of a bag, for ``map`` and for ``replay``."""
+"""The options ``--start`` and ``--duration`` of a bag."""
 
 from __future__ import annotations
 

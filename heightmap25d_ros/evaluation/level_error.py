@@ -35,7 +35,9 @@ class LevelError:
     Attributes
     ----------
     cells : int
-        Cells with another level, in which a noise-free laser measured this one.
+        Cells with another level, in which a noise-free laser measured the top of this one: it is
+        within `LARGE_ERROR` of the highest reading. Where that is of the side of a wall below a
+        deck, nobody has seen a top.
     tops_right : float or None
         Share of them in which a surface of the map is within `LARGE_ERROR` of it.
     blocked_transitions, open_transitions : Detection
@@ -56,7 +58,7 @@ class LevelErrors:
     ----------
     lower, upper : LevelError
     cells : int
-        Cells in which both levels were measured.
+        Cells in which the tops of both levels were measured.
     both_tops_right : float or None
         Share of them in which the map holds both within `LARGE_ERROR`.
     """
@@ -84,7 +86,7 @@ def evaluate_levels(
     stack = SurfaceStack(height_map, levels, terrain)
     nearest = [_nearest(stack, truth.geometry, top) for top in truth.top]
     is_double = truth.top[0] != truth.top[1]
-    seen = np.isfinite(truth.seen) & is_double
+    seen = (np.abs(truth.seen - truth.top) <= LARGE_ERROR) & is_double
     right = [
         known & (np.abs(height * HEIGHT_RESOLUTION + height_map.geometry.ground_zero - top)
                  <= LARGE_ERROR)

@@ -10,20 +10,18 @@ is inside of walls, or behind them.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from heightmap25d_ros.grid.height_map import Cell
-from heightmap25d_ros.planning.graph import TransitionGraph
-from heightmap25d_ros.planning.level_graph import LevelGraph, Place
-from heightmap25d_ros.planning.search import STRAIGHT, cost_to_go, to_cell
-from heightmap25d_ros.planning.start_clearing import ClearedStart
+from heightmap25d_ros.kernels import kernel
+from heightmap25d_ros.terrain.steps import NEIGHBOURS
 
-_SIDES = ndimage.generate_binary_structure(2, 1)
+_SIDES = NEIGHBOURS[::2]
+"""(dy, dx) of the cells that share a side with one."""
+
+_CROSS = ndimage.generate_binary_structure(2, 1)
 
 _RIM = 3
 """Width of the ground that is only too near to the unknown [cells]."""
@@ -31,91 +29,12 @@ _RIM = 3
 Mask = NDArray[np.bool_]
 
 
-def travel_costs(cleared: ClearedStart, start: Cell) -> NDArray[np.float64]:
-    """(rows, columns) [cells of flat ground]: cost between the robot and each cell; inf: no path.
-
-    Costs are those of the way back to the robot: on slopes those of the way there differ a little,
-    where one of the two exists so does the other.
-
-    Parameters
-    ----------
-    cleared : ClearedStart
-        The map in which the robot can leave from where it stands.
-    start : (row, column)
-        Of the robot.
-    """
-    graph = cleared.graph
-
-    def search(cell: Cell) -> NDArray[np.int32]:
-        return cost_to_go(graph.incoming, cell).dense()[None]
-
-    return np.asarray(_costs_from(cleared, Place(0, start), search, 1)[0])
-
-
-def travel_costs_over_levels(
-    levels: LevelGraph, graphs: Sequence[TransitionGraph], cleared: ClearedStart, start: Place
-) -> NDArray[np.float64]:
-    """(slices, rows, columns): as `travel_costs`, over all slices of a map with several levels.
-
-    Parameters
-    ----------
-    levels : LevelGraph
-    graphs : sequence of TransitionGraph
-        One a slice.
-    cleared : ClearedStart
-        In the slice of the start.
-    start : Place
-        Of the robot.
-    """
-    changed = list(graphs)
-    changed[start.slice] = cleared.graph
-
-    def search(cell: Cell) -> NDArray[np.int32]:
-        fields = levels.cost_to_go(Place(start.slice, cell), changed, np.inf)
-        return np.stack([field.dense() for field in fields])
-
-    return _costs_from(cleared, start, search, len(graphs))
-
-
-def _costs_from(
-    cleared: ClearedStart, start: Place, search: Callable[[Cell], NDArray[np.int32]], slices: int
-) -> NDArray[np.float64]:
-    """(slices, rows, columns): the least costs of searches from a start, or from its exits."""
-    costs = np.full((slices, *cleared.graph.geometry.shape), np.inf)
-    if cleared.graph.enterable[start.cell]:
-        sources = [(0.0, start.cell)]
-    else:
-        worth = cleared.costs + cleared.penalties
-        sources = [(float(cleared.costs[n]), to_cell(cleared.exits[n])) for n in np.argsort(worth)]
-    for cost, cell in sources:
-        # From one exit the others that are connected with it are reached as well.
-        if cleared.graph.enterable[cell] and np.isinf(costs[(start.slice, *cell)]):
-            field = search(cell)
-            np.minimum(costs, np.where(field < 0, np.inf, cost + field / STRAIGHT), out=costs)
-    return costs
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Frontiers:
-    """The unknown that matters.
-
-    Attributes
-    ----------
-    wanted : (rows, columns) bool
-        Unknown cells not farther than the depth behind a frontier, on a path over cells that are
-        not occupied.
-    border : (rows, columns) bool
-        Those of them that border on free cells which the robot can touch.
-    """
-
-    wanted: Mask
-    border: Mask
-
-
-def find(
+def wanted(
     known: Mask, occupied: Mask, reachable: Mask, allowed: Mask, radius: float, depth: float
-) -> Frontiers:
-    """The frontiers of a map.
+) -> Mask:
+    """(rows, columns): the unknown cells that matter.
+
+    Those not farther than the depth behind a frontier, on a path over cells that are not occupied.
 
     Parameters
     ----------
@@ -134,16 +53,14 @@ def find(
 
     >>> known = np.array([[True, True, False, False], [True, True, False, False]])
     >>> occupied = np.array([[False, False, False, False], [False, True, False, False]])
-    >>> find(known, occupied, known & ~occupied, ~occupied, radius=0.0, depth=1.0).wanted
+    >>> wanted(known, occupied, known & ~occupied, ~occupied, radius=0.0, depth=1.0)
     array([[False, False,  True, False],
            [False, False, False, False]])
     """
     free = known & ~occupied
     touched = _spread(reachable & free, math.ceil(radius), free)
     unknown = ~known & allowed
-    wanted = _spread(touched, math.ceil(depth), touched | unknown) & unknown
-    border = ndimage.binary_dilation(touched, _SIDES) & wanted
-    return Frontiers(wanted=np.asarray(wanted), border=np.asarray(border))
+    return _spread(touched, math.ceil(depth), unknown) & unknown
 
 
 def openings(occupied: Mask, reachable: Mask, allowed: Mask, radius: float, least: int) -> Mask:
@@ -154,7 +71,7 @@ def openings(occupied: Mask, reachable: Mask, allowed: Mask, radius: float, leas
     Parameters
     ----------
     occupied, reachable : (rows, columns) bool
-        As of `find`.
+        As of `wanted`.
     allowed : (rows, columns) bool
         Cells elsewhere are not passed.
     radius : float [cells]
@@ -183,31 +100,72 @@ def openings(occupied: Mask, reachable: Mask, allowed: Mask, radius: float, leas
     parts, _ = ndimage.label(passable)
     ground = passable & np.isin(parts, np.unique(parts[reachable]))
     # Beside the reachable ground lies a rim that is only too near to the unknown.
-    new = ground & ~ndimage.binary_dilation(reachable, _SIDES, iterations=_RIM)
+    new = ground & ~ndimage.binary_dilation(reachable, _CROSS, iterations=_RIM)
     parts, _ = ndimage.label(new)
     sizes = np.bincount(parts.ravel())
     sizes[0] = 0
     large = sizes[parts] >= least
-    return np.asarray(ndimage.binary_dilation(large, _SIDES, iterations=math.ceil(radius) + _RIM))
+    return np.asarray(ndimage.binary_dilation(large, _CROSS, iterations=math.ceil(radius) + _RIM))
 
 
 def _spread(mask: Mask, cells: int, within: Mask) -> Mask:
     """A mask grown by so many steps over the sides of cells, within another one."""
-    if cells == 0 or not mask.any():
-        return mask
-    return np.asarray(ndimage.binary_dilation(mask, _SIDES, iterations=cells, mask=within))
+    return np.asarray(_grown(mask, cells, within).view(np.bool_))
 
 
-def viewpoints(reachable: Mask, spacing: int) -> NDArray[np.int64]:
+@kernel
+def _grown(mask, cells, within):
+    """As `_spread`, as uint8: by breadth first, so that only what is added takes time."""
+    rows, columns = mask.shape
+    steps = np.zeros((rows, columns), np.uint8)  # 1: in the mask or added, 0: neither
+    queue = np.empty((mask.size, 2), np.int32)
+    end = 0
+    for y in range(rows):
+        for x in range(columns):
+            if within[y, x] and not mask[y, x] and cells > 0 and _is_beside(mask, y, x):
+                queue[end] = y, x
+                end += 1
+            steps[y, x] = mask[y, x]
+    for n in range(end):
+        steps[queue[n, 0], queue[n, 1]] = 1
+    begin = 0
+    for _ in range(cells - 1):
+        last = end
+        for n in range(begin, last):
+            y, x = queue[n]
+            for dy, dx in _SIDES:
+                iy, ix = y + dy, x + dx
+                if not (0 <= iy < rows and 0 <= ix < columns):
+                    continue
+                if within[iy, ix] and steps[iy, ix] == 0:
+                    steps[iy, ix] = 1
+                    queue[end] = iy, ix
+                    end += 1
+        begin = last
+    return steps
+
+
+@kernel
+def _is_beside(mask, y, x):
+    rows, columns = mask.shape
+    for dy, dx in _SIDES:
+        iy, ix = y + dy, x + dx
+        if 0 <= iy < rows and 0 <= ix < columns and mask[iy, ix]:
+            return True
+    return False
+
+
+def viewpoints(costs: NDArray[np.float64], spacing: int) -> NDArray[np.int64]:
     """(N, 2): the cells of a lattice at which the robot's centre may be.
 
     Parameters
     ----------
-    reachable : (rows, columns) bool
+    costs : (rows, columns) float64
+        Of the ways there: not finite where there is none.
     spacing : int [cells]
         Of the lattice, which begins with the first row and column.
     """
-    return np.argwhere(reachable[::spacing, ::spacing]) * spacing
+    return np.argwhere(np.isfinite(costs[::spacing, ::spacing])) * spacing
 
 
 def count_around(mask: Mask, cells: NDArray[np.int64], reach: int) -> NDArray[np.int64]:

@@ -10,13 +10,14 @@ nearest known cell. Nearer than a radius no ground is seen, since the sensor's b
 
 from __future__ import annotations
 
+import functools
 import math
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from heightmap25d_ros.grid.height_map import Cell
 from heightmap25d_ros.kernels import kernel
 
 _STEP = 0.7
@@ -49,14 +50,18 @@ class Scenery:
     reach: float
     blind: float
 
-    @property
-    def rays(self) -> int:
-        """So many rays that at ``reach`` neighbouring ones are about a cell apart."""
-        return max(8, math.ceil(2.0 * math.pi * self.reach))
 
+class Outlook:
+    """What full turns at places would show, of what others have not shown yet.
 
-def gains(scenery: Scenery, cells: Cells) -> NDArray[np.int64]:
-    """(N,): how many wanted cells a full turn at each cell (N, 2) would show.
+    Parameters
+    ----------
+    scenery : Scenery
+
+    Attributes
+    ----------
+    wanted : (rows, columns) bool
+        What has not been shown.
 
     Examples
     --------
@@ -67,87 +72,86 @@ def gains(scenery: Scenery, cells: Cells) -> NDArray[np.int64]:
     >>> known = np.array([[True, True, False, True, False, False]])
     >>> scenery = Scenery(height=height, known=known, wanted=~known, sensor_height=0.5,
     ...                   reach=5.0, blind=0.0)
-    >>> gains(scenery, np.array([[0, 0]]))
-    array([1])
+    >>> outlook = Outlook(scenery)
+    >>> outlook.gain((0, 0))
+    1
+    >>> outlook.show((0, 0))
+    >>> outlook.gain((0, 0))
+    0
     """
-    terrain, optics = _arguments(scenery)
-    return np.asarray(_gains(*terrain, *optics, np.ascontiguousarray(cells, np.int64)))
+
+    def __init__(self, scenery: Scenery) -> None:
+        self._optics = scenery.sensor_height, scenery.blind
+        self._rays = _rays(scenery.reach)
+        self._height = np.ascontiguousarray(scenery.height)
+        self._known = np.ascontiguousarray(scenery.known)
+        self.wanted = scenery.wanted.copy()
+        self._stamps = np.zeros(scenery.height.shape, np.int32)
+        self._turns = 0
+        self._cells = np.empty((math.ceil(2.0 * scenery.reach + 3.0) ** 2, 2), np.int64)
+
+    def gain(self, cell: Cell) -> int:
+        """How many wanted cells a full turn at a cell would show."""
+        return len(self._seen(cell))
+
+    def show(self, cell: Cell) -> None:
+        """Take away what a full turn at a cell would show."""
+        self.wanted[tuple(self._seen(cell).T)] = False
+
+    def _seen(self, cell: Cell) -> Cells:
+        self._turns += 1
+        terrain = self._height, self._known, self.wanted
+        stamps = self._stamps, self._turns
+        count = _look(terrain, *self._optics, self._rays, *cell, *stamps, self._cells)
+        return self._cells[:count]
 
 
-def seen_from(scenery: Scenery, cell: tuple[int, int]) -> NDArray[np.bool_]:
+def seen_from(scenery: Scenery, cell: Cell) -> NDArray[np.bool_]:
     """(rows, columns): the wanted cells that a full turn at a cell would show."""
-    stamps = np.zeros(scenery.height.shape, np.int32)
-    terrain, optics = _arguments(scenery)
-    _look(terrain, *optics, *cell, stamps, 1)
-    return np.asarray(stamps == 1)
+    outlook = Outlook(scenery)
+    outlook.show(cell)
+    return scenery.wanted & ~outlook.wanted
 
 
-def seen_near(scenery: Scenery, cell: tuple[int, int]) -> Cells:
-    """(N, 2): the same cells, found without looking at more of the map than is in reach."""
-    reach = math.ceil(scenery.reach) + 1
-    corner = np.maximum(np.array(cell) - reach, 0)
-    rows, columns = (slice(int(low), int(low) + 2 * reach + 1) for low in corner)
-    near = replace(
-        scenery,
-        height=scenery.height[rows, columns],
-        known=scenery.known[rows, columns],
-        wanted=scenery.wanted[rows, columns],
-    )
-    y, x = np.array(cell) - corner
-    return np.asarray(np.argwhere(seen_from(near, (int(y), int(x)))) + corner)
+@functools.cache
+def _rays(reach: float) -> tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.int64]]:
+    """The cells that rays cross: offsets (K, 2) as (dy, dx), distances (K,), and where rays begin.
 
-
-def _arguments(scenery: Scenery) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-    """What the kernels take: the terrain, and how it is looked at."""
-    angles = 2.0 * np.pi * (np.arange(scenery.rays) + 0.5) / scenery.rays
+    So many rays that at ``reach`` [cells] neighbouring ones are about a cell apart.
+    """
+    count = max(8, math.ceil(2.0 * math.pi * reach))
+    angles = 2.0 * np.pi * (np.arange(count) + 0.5) / count
     directions = np.column_stack([np.sin(angles), np.cos(angles)])
-    arrays = scenery.height, scenery.known, scenery.wanted
-    terrain = tuple(np.ascontiguousarray(array) for array in arrays)
-    return terrain, (scenery.sensor_height, scenery.reach, scenery.blind, directions)
-
-
-@kernel
-def _gains(height, known, wanted, sensor_height, reach, blind, directions, cells):
-    result = np.zeros(len(cells), np.int64)
-    stamps = np.zeros(height.shape, np.int32)
-    for n in range(len(cells)):
-        terrain = height, known, wanted
-        result[n] = _look(
-            terrain,
-            sensor_height,
-            reach,
-            blind,
-            directions,
-            cells[n, 0],
-            cells[n, 1],
-            stamps,
-            n + 1,
-        )
-    return result
+    samples = np.arange(1.0, reach + 1e-9, _STEP)
+    crossed = [np.floor(0.5 + samples[:, None] * direction) for direction in directions]
+    crossed = [cells[np.append(True, np.diff(cells, axis=0).any(axis=1))] for cells in crossed]
+    offsets = np.concatenate(crossed)
+    begins = np.cumsum([0, *(len(cells) for cells in crossed)])
+    return offsets.astype(np.int32), np.hypot(*offsets.T).astype(np.float32), begins
 
 
 @kernel
 def _look(  # noqa: PLR0913
-    terrain, sensor_height, reach, blind, directions, iy, ix, stamps, stamp
+    terrain, sensor_height, blind, rays, iy, ix, stamps, stamp, seen
 ):
-    """The number of wanted cells that are seen from a cell; they get the stamp."""
+    """The number of wanted cells that are seen from a cell: they are listed, and get the stamp."""
     height, known, wanted = terrain
+    offsets, distances, begins = rays
     rows, columns = height.shape
-    eye = height[iy, ix] + sensor_height
+    eye = height[iy, ix] + np.float32(sensor_height)
     count = 0
-    for r in range(len(directions)):
-        dy, dx = directions[r]
-        steepest = -np.inf
-        d = 1.0
-        while d <= reach:
-            y, x = math.floor(iy + 0.5 + dy * d), math.floor(ix + 0.5 + dx * d)
+    for ray in range(len(begins) - 1):
+        steepest = np.float32(-np.inf)
+        for n in range(begins[ray], begins[ray + 1]):
+            y, x = iy + offsets[n, 0], ix + offsets[n, 1]
             if y < 0 or x < 0 or y >= rows or x >= columns:
                 break
-            slope = (height[y, x] - eye) / d
             if known[y, x]:
-                steepest = max(steepest, slope)
-            elif d >= blind and slope >= steepest and wanted[y, x] and stamps[y, x] != stamp:
+                steepest = max(steepest, (height[y, x] - eye) / distances[n])
+            elif wanted[y, x] and stamps[y, x] != stamp and distances[n] >= blind:
+                if (height[y, x] - eye) / distances[n] < steepest:
+                    continue
                 stamps[y, x] = stamp
+                seen[count] = y, x
                 count += 1
-            d += _STEP
     return count

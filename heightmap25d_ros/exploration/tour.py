@@ -1,6 +1,10 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The shortest way through a few places: where to go first, if all are to be visited.
+"""A way through a few places: where to go first, so that most is seen soon.
+
+The shortest way through all of them would begin with what is small and near, and leave for the end
+what is worth most. Where each metre is weighed by what is still to come at its end, as in the
+problem of the travelling repairman, small things are taken along where they are beside the way.
 
 Exact, by dynamic programming over the sets of places that were visited (Held and Karp, 1962).
 """
@@ -17,14 +21,18 @@ MOST = 10
 """Places of a tour: the work doubles with each."""
 
 
-def shortest_tour(first: Array, between: Array) -> list[int]:
-    """The order of the shortest way from the robot through all places; it ends at the last one.
+def soonest_tour(first: Array, between: Array, worth: Array) -> list[int]:
+    """The order in which places are visited so that most of their worth comes soon.
+
+    Least is the sum over all places of their worth times the way until there.
 
     Parameters
     ----------
     first : (N,) float64 [m]
         Of the ways from the robot, N at most `MOST`.
     between : (N, N) float64 [m]
+    worth : (N,) float64
+        Positive.
 
     Raises
     ------
@@ -34,39 +42,44 @@ def shortest_tour(first: Array, between: Array) -> list[int]:
     Examples
     --------
     >>> at = np.array([1.0, -1.5, 4.0])
-    >>> shortest_tour(np.abs(at), np.abs(at[:, None] - at))
-    [1, 0, 2]
+    >>> soonest_tour(np.abs(at), np.abs(at[:, None] - at), np.ones(3))
+    [0, 1, 2]
+    >>> soonest_tour(np.abs(at), np.abs(at[:, None] - at), np.array([1.0, 1.0, 9.0]))
+    [0, 2, 1]
     """
     if len(first) > MOST:
         raise ValueError(f"{len(first)} places are more than {MOST}")
     if not len(first):
         return []
-    order = _shortest(np.asarray(first, np.float64), np.asarray(between, np.float64))
+    visited = np.arange(1 << len(first))[:, None] >> np.arange(len(first)) & 1
+    left = (1 - visited) @ np.asarray(worth, np.float64)
+    order = _soonest(np.asarray(first, np.float64), np.asarray(between, np.float64), left)
     return [int(place) for place in order]
 
 
 @kernel
-def _shortest(first, between):
-    count = len(first)
-    sets = 1 << count
-    # Length of the shortest way from the robot through a set of places that ends at one of them.
-    length = np.full((sets, count), np.inf)
+def _soonest(first, between, left):
+    """The order, by the worth that is left when each set of places has been visited."""
+    count, sets = len(first), len(left)
+    # The least sum of ways, each times what was still to come, through a set to one of its places.
+    least = np.full((sets, count), np.inf)
     before = np.full((sets, count), -1)
     for place in range(count):
-        length[1 << place, place] = first[place]
+        least[1 << place, place] = first[place] * left[0]
     for visited in range(sets):
         for last in range(count):
-            so_far = length[visited, last]
+            so_far = least[visited, last]
             if not so_far < np.inf:
                 continue
             for place in range(count):
                 if visited >> place & 1:
                     continue
-                there, total = visited | 1 << place, so_far + between[last, place]
-                if total < length[there, place]:
-                    length[there, place], before[there, place] = total, last
+                there = visited | 1 << place
+                total = so_far + between[last, place] * left[visited]
+                if total < least[there, place]:
+                    least[there, place], before[there, place] = total, last
     visited = sets - 1
-    last = int(length[visited].argmin())
+    last = int(least[visited].argmin())
     order = np.empty(count, np.int64)
     for n in range(count - 1, -1, -1):
         order[n] = last

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from scipy import ndimage
 
 from heightmap25d_ros.grid.height_map import (
+    HEIGHT_RESOLUTION,
     PROBABILITY_THRESHOLD,
     Area,
     Geometry,
@@ -26,6 +27,8 @@ from heightmap25d_ros.grid.lazy_zeros import lazy_zeros
 from heightmap25d_ros.grid.levels import (
     BELIEF,
     BOTTOM,
+    CANDIDATE,
+    CANDIDATE_BELIEF,
     NO_UPPER,
     TOP,
     UpperLayers,
@@ -90,6 +93,16 @@ class TiledArray:
         block = values.reshape(tiles_y, TILE, tiles_x, TILE).transpose(0, 2, 1, 3)
         ty, tx = area.iy // TILE, area.ix // TILE
         self.cells[ty : ty + tiles_y, tx : tx + tiles_x] = block
+
+    def put(self, area: Area, values: NDArray[Any]) -> None:
+        """Store a dense array (rows, columns) at any area inside of the array."""
+        iy, ix = area.iy // TILE * TILE, area.ix // TILE * TILE
+        rows = -(-(area.iy + area.rows) // TILE) * TILE - iy
+        columns = -(-(area.ix + area.columns) // TILE) * TILE - ix
+        whole = Area(iy, ix, rows, columns)
+        dense = self.read(whole)
+        dense[area.slices(whole)] = values
+        self.write(whole, dense)
 
 
 class HeightGrid:
@@ -266,24 +279,63 @@ class HeightGrid:
         return bool(count and spans.any())
 
     def _upper_surfaces(self, probability_threshold: float, area: Area) -> UpperSurfaces:
-        """The known surfaces above the lowest ones of an area."""
+        """The surfaces above the lowest ones of an area: the known ones, and what continues them.
+
+        A reading that the robot fits below waits until a second one confirms it. Beside known
+        surfaces of its height it is one of them: far ahead many cells of a deck are read once.
+        """
+        around = area.grown(1)
+        ty, tx = self._tiles_with_upper(around)
+        if not len(ty):
+            return NO_UPPER
+        known = stored_probability(probability_threshold)
+        confirmed = self._confirmed(known, ty, tx)
+        waiting = self._waiting(known, ty, tx)
+        found = confirmed.with_others(waiting.where(confirmed.continued_by(waiting)))
+        return found.part(area.iy, area.ix, area.rows, area.columns)
+
+    def _tiles_with_upper(self, area: Area) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Rows and columns of the tiles of an area with known surfaces above the lowest ones."""
         tiles = tuple(
             np.s_[max(first // TILE, 0) : max(-(-(first + count) // TILE), 0)]
             for first, count in ((area.iy, area.rows), (area.ix, area.columns))
         )
         ty, tx = np.nonzero(self.upper.tile_span[tiles][..., 1])
-        if not len(ty):
-            return NO_UPPER
-        ty, tx = ty + tiles[0].start, tx + tiles[1].start
+        return ty + tiles[0].start, tx + tiles[1].start
+
+    def _confirmed(self, known: int, ty: NDArray[np.int64], tx: NDArray[np.int64]) -> UpperSurfaces:
+        """The surfaces above the lowest ones of some tiles, in cells of the grid."""
         beliefs = self.upper.beliefs[:, ty, tx][..., BELIEF]
-        layer, tile, y, x = np.nonzero(beliefs >= stored_probability(probability_threshold))
+        layer, tile, y, x = np.nonzero(beliefs >= known)
         heights = self.upper.heights[layer, ty[tile], tx[tile], y, x]
         return UpperSurfaces.of(
             np.column_stack([ty[tile] * TILE + y, tx[tile] * TILE + x]),
             heights[:, TOP],
             heights[:, BOTTOM],
             beliefs[layer, tile, y, x],
-        ).part(area.iy, area.ix, area.rows, area.columns)
+        )
+
+    def _waiting(self, known: int, ty: NDArray[np.int64], tx: NDArray[np.int64]) -> UpperSurfaces:
+        """The candidates of some tiles that the robot fits below, in cells of the grid."""
+        upper, beliefs = self.upper.heights[:, ty, tx], self.upper.beliefs[:, ty, tx]
+        lowest = (self.height, self.probability, self.candidate_height, self.candidate_probability)
+        top, belief, candidate, held = (
+            np.concatenate([array.cells[None, ty, tx], above])
+            for array, above in zip(
+                lowest,
+                (upper[..., TOP], beliefs[..., BELIEF],
+                 upper[..., CANDIDATE], beliefs[..., CANDIDATE_BELIEF]),
+                strict=True,
+            )
+        )  # fmt: skip
+        clear = round(self.levels.clear_height / HEIGHT_RESOLUTION)
+        is_clear = candidate.astype(np.int32) - top >= clear
+        layer, tile, y, x = np.nonzero((belief >= known) & (held > 0) & is_clear)
+        z = candidate[layer, tile, y, x]
+        return UpperSurfaces.of(
+            np.column_stack([ty[tile] * TILE + y, tx[tile] * TILE + x]),
+            z, z, held[layer, tile, y, x],
+        )  # fmt: skip
 
     def _write_upper(self, upper: UpperSurfaces, area: Area) -> None:
         """Replace the surfaces above the lowest ones of an area of whole tiles.
@@ -331,7 +383,8 @@ class HeightGrid:
             stored.write(whole, dense)
         tiles = np.s_[ty : ty + rows // TILE, tx : tx + columns // TILE]
         y, x = area.iy - whole.iy, area.ix - whole.ix
-        beside = self._upper_surfaces(0.0, whole).outside(y, x, *area.shape)
+        confirmed = self._confirmed(1, *self._tiles_with_upper(whole))
+        beside = confirmed.moved(-whole.iy, -whole.ix).outside(y, x, *area.shape)
         self._write_upper(beside.with_others(height_map.upper.moved(y, x)), whole)
         is_observed = self.probability.cells[tiles] > 0
         biased = np.where(is_observed, self.height.cells[tiles].astype(np.int32) + TOP_BIAS, 0)

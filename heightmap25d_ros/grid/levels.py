@@ -19,6 +19,9 @@ from heightmap25d_ros.grid.lazy_zeros import lazy_zeros
 TOP, BOTTOM, CANDIDATE = 0, 1, 2
 """Heights of an upper surface in `UpperLayers.heights`."""
 
+SAME_HEIGHT = 10
+"""Up to which tops of neighbours are one surface [cm]."""
+
 BELIEF, CANDIDATE_BELIEF = 0, 1
 """Probabilities of an upper surface in `UpperLayers.beliefs`."""
 
@@ -114,6 +117,25 @@ class UpperSurfaces:
         """Those outside of a rectangle of cells."""
         return self.where(~self._inside(iy, ix, rows, columns))
 
+    def at(
+        self, index: NDArray[np.int64], columns: int, lift: NDArray[np.int32] | int
+    ) -> UpperSurfaces:
+        """Those of other cells (rows, columns), lifted [cm].
+
+        Each cell has the surfaces of the one with a flat index in the rows of these; -1: none.
+        """
+        flat = self.cell[:, 0] * columns + self.cell[:, 1]
+        begins, ends = (np.searchsorted(flat, index, side) for side in ("left", "right"))
+        has_some = ends > begins
+        count = (ends - begins)[has_some]
+        chosen = np.repeat(begins[has_some], count)
+        chosen += np.concatenate([np.arange(0), *(np.arange(n) for n in count)])
+        lifts = np.repeat(np.broadcast_to(lift, index.shape)[has_some], count)
+        return UpperSurfaces.of(
+            np.repeat(np.argwhere(has_some), count, axis=0), self.top[chosen] + lifts,
+            self.bottom[chosen] + lifts, self.probability[chosen],
+        )  # fmt: skip
+
     def with_others(self, others: UpperSurfaces) -> UpperSurfaces:
         """These and those of other cells."""
         return UpperSurfaces.of(
@@ -122,6 +144,29 @@ class UpperSurfaces:
             np.concatenate([self.bottom, others.bottom]),
             np.concatenate([self.probability, others.probability]),
         )
+
+    def continued_by(self, others: UpperSurfaces) -> NDArray[np.bool_]:
+        """(N,) of others: those with the same height as these in two of the cells around them."""
+        columns = 2 + int(max(self.cell[:, 1].max(initial=0), others.cell[:, 1].max(initial=0)))
+        keys, wanted = self.cell @ (columns, 1), others.cell @ (columns, 1)
+        depth = 1 + int(self.rank.max(initial=0))
+        count = np.zeros(len(others), np.int64)
+        for beside in (
+            -columns - 1,
+            -columns,
+            1 - columns,
+            -1,
+            1,
+            columns - 1,
+            columns,
+            columns + 1,
+        ):
+            at = np.searchsorted(keys, wanted + beside)[:, None] + np.arange(depth)
+            index = np.minimum(at, max(len(self) - 1, 0))
+            is_there = (at < len(self)) & (keys[index] == (wanted + beside)[:, None])
+            off = np.abs(self.top[index].astype(np.int64) - others.top[:, None])
+            count += (is_there & (off <= SAME_HEIGHT)).any(axis=1)
+        return count >= 2
 
     def _inside(self, iy: int, ix: int, rows: int, columns: int) -> NDArray[np.bool_]:
         cell = self.cell - (iy, ix)

@@ -153,19 +153,9 @@ class LocalizationLayers:
     def write(self, layers: LayerMap) -> None:
         """Put dense layers in, replacing what is stored under them; same cells as the grid's."""
         area = self._grid.area_of(layers.geometry)
-        whole = _whole_tiles(area)
         for arrays, written in zip(self._levels, (layers, *layers.above), strict=False):
             for name, array in arrays.items():
-                dense = array.read(whole)
-                dense[area.slices(whole)] = getattr(written, name)
-                array.write(whole, dense)
-
-
-def _whole_tiles(area: Area) -> Area:
-    """The tiles that an area is in."""
-    iy, ix = area.iy // TILE * TILE, area.ix // TILE * TILE
-    rows = -(-(area.iy + area.rows) // TILE) * TILE - iy
-    return Area(iy, ix, rows, -(-(area.ix + area.columns) // TILE) * TILE - ix)
+                array.put(area, getattr(written, name))
 
 
 @kernel

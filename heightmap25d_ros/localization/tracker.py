@@ -235,10 +235,16 @@ class Tracker:
         self.forget()
         self.set_pose(T_map_odom, covariance)
 
-    def request_search(self) -> None:
-        """Search the whole map as soon as a short-term map is mature."""
-        self._is_search_wanted = True
+    @property
+    def state(self) -> State:
+        """How sure the estimate is."""
+        return self.health.state
+
+    def request_search(self) -> bool:
+        """Search the whole map as soon as a short-term map is mature; whether there is a map."""
+        self._is_search_wanted |= self.long_term is not None
         self._search_distance = -np.inf
+        return self.long_term is not None
 
     def short_term_map(self) -> ShortTermMap | None:
         """The short-term map that is registered next, if it is mature."""

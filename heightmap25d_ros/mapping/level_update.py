@@ -15,6 +15,9 @@ surface below it. What is added:
   becomes an upper one with the belief that it had, and the ground below it is unknown. So a deck
   that was driven first is kept. One beam is not enough for that: beside a wall, beams pass through
   cells of which it fills a part, and returns from it speak for it again.
+- So does one that is lost to a beam that rises to it, from a laser the clear height or more below
+  it: a robot on a ramp looks up at the underside of a deck. Such a beam passes two tolerances or
+  more below the surface; nearer ones graze what ascends.
 
 Upper surfaces are in the layers of a `UpperLayers`, whose flat arrays the kernels take as
 ``layers``: (heights, beliefs, tile_span). They are called where a cell has, or may get, more than

@@ -28,6 +28,7 @@ from heightmap25d_ros.grid.height_map import (
 from heightmap25d_ros.grid.levels import BELIEF
 from heightmap25d_ros.kernels import inlined_kernel, kernel
 from heightmap25d_ros.mapping.cell_update import Likelihoods, Rule, hit, is_contradicted, miss
+from heightmap25d_ros.mapping.changed_tiles import include
 from heightmap25d_ros.mapping.level_update import (
     BELIEFS,
     CHANGED,
@@ -243,9 +244,9 @@ def _integrate(  # noqa: PLR0913
         is_changed = after[0] != before[0] or before[1] < rule.known or outcome == CHANGED
         if is_changed and tile_changed[tile] == 0:
             tile_changed[tile] = 1
-            _include(iy // TILE, ix // TILE, changed)
+            include(iy // TILE, ix // TILE, changed)
         if tile_top[tile] == 0:
-            _include(iy // TILE, ix // TILE, observed)
+            include(iy // TILE, ix // TILE, observed)
         tile_top[tile] = max(tile_top[tile], max(after[0], z) + TOP_BIAS)
         hits += 1
     return hits, out_of_range, outside, surplus
@@ -265,14 +266,6 @@ def _in_cells(points, index, corner, cells_per_metre):
     x = (points[index, 0] - corner[0]) * cells_per_metre
     y = (points[index, 1] - corner[1]) * cells_per_metre
     return x, y, (points[index, 2] - corner[2]) * (1.0 / HEIGHT_RESOLUTION)
-
-
-@inlined_kernel
-def _include(ty, tx, bounds):
-    """Extend bounds, as of `HeightGrid.observed`, by a tile."""
-    bounds[0], bounds[1] = min(bounds[0], ty), min(bounds[1], tx)
-    bounds[2], bounds[3] = max(bounds[2], ty), max(bounds[3], tx)
-    bounds[4] += 1
 
 
 @inlined_kernel
@@ -328,13 +321,13 @@ def _clear(  # noqa: PLR0913
         )
         if (meets < stop or is_among) and _clear_tile(
             tile, begin if is_among else max(begin, meets), stop, x, y,
-            z, fall / _TICKS, distance, metres, lacking, length - _END,
+            z, fall / _TICKS, distance, metres, lacking, length - _END, origin[2],
             heights, probabilities, candidate_heights, candidates,
             layers, is_among, judged, model, rule,
         ):  # fmt: skip
             if tile_changed[tile] == 0:
                 tile_changed[tile] = 1
-                _include(index // columns, index % columns, changed)
+                include(index // columns, index % columns, changed)
             tile_top[tile] = _top_of(
                 tile, heights, probabilities, candidate_heights, candidates, rule
             )
@@ -372,7 +365,7 @@ def _margin(fall, rule):
 
 @inlined_kernel
 def _clear_tile(  # noqa: PLR0913
-    tile, start, stop, x, y, z, fall, distance, metres, lacking, end,
+    tile, start, stop, x, y, z, fall, distance, metres, lacking, end, sensor_z,
     heights, probabilities, candidate_heights, candidates,
     layers, is_among, judged, model, rule,
 ):  # fmt: skip
@@ -412,7 +405,7 @@ def _clear_tile(  # noqa: PLR0913
                 after = miss(before, beam_height, passed, model, rule)
                 if (
                     after[1] < rule.known
-                    and _is_overhead(before, beam_height, rule)
+                    and _is_overhead(before, beam_height, sensor_z, rule)
                     and lift(cell, tile, before, layers, rule)
                 ):
                     after = before[0], np.int64(0), np.int64(0), np.int64(0)
@@ -441,9 +434,13 @@ def _has_upper(cell, layers, rule):
 
 
 @inlined_kernel
-def _is_overhead(cell, beam_height, rule):
-    """Whether the robot fits below a surface that a beam passed under."""
-    return cell[1] >= rule.known and cell[0] - beam_height >= rule.clear
+def _is_overhead(cell, beam_height, sensor_z, rule):
+    """Whether the robot fits below a surface that a beam passed under, or that it rose to."""
+    beyond = cell[0] - beam_height
+    is_above = beyond >= rule.clear or (
+        beyond >= 2 * rule.tolerance and cell[0] - sensor_z >= rule.clear
+    )
+    return cell[1] >= rule.known and is_above
 
 
 @kernel

@@ -4,13 +4,14 @@
 
 from __future__ import annotations
 
+import pathlib
 import sys
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
-from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TransformStamped
+from nav_msgs.msg import Path
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
@@ -76,13 +77,14 @@ class LocalizationNode(ManagedNode):
         ]
 
     def outputs(self) -> list[Output]:
-        """The pose in three forms, what is registered, and how sure the pose is."""
+        """The pose in three forms, what is registered, how sure the pose is, and its own map."""
         return [
             Output(PoseWithCovarianceStamped, "pose_correction", qos.QUEUE),
             Output(PoseWithCovarianceStamped, "pose", qos.QUEUE),
             Output(TFMessage, "/tf", qos.POSES),
             Output(HeightGrid, "short_term_grid", qos.LATCHED),
             Output(LocalizationStatus, "~/status", qos.LATCHED),
+            Output(Path, "~/submaps", qos.LATCHED),
         ]
 
     def offered_services(self) -> list[Service]:
@@ -96,11 +98,13 @@ class LocalizationNode(ManagedNode):
         self._state = State.DEGRADED
         self._last: Attempt | None = None
         self._period = self._published_ns = 0
+        self._map_version = self._localizer.map_version
         directory = self.params.localization.map_directory
         if directory:
             threshold = self.params.mapper.probability_threshold
-            height_map = map_directory.load_in(Path(directory), threshold, self._frame)
-            layers = layers_file.load(Path(directory), height_map)
+            path = pathlib.Path(directory)
+            height_map = map_directory.load_in(path, threshold, self._frame)
+            layers = layers_file.load(path, height_map)
             self._localizer.set_long_term(height_map, layers)
         compile_kernels(self.params)
 
@@ -164,7 +168,20 @@ class LocalizationNode(ManagedNode):
         self._localizer.pass_time(self.get_clock().now().nanoseconds)
         self._publish_status()
 
+    def _publish_submaps(self) -> None:
+        """Before the pose that goes with them, so that mapping has moved its map by then."""
+        version = self._localizer.map_version
+        if version == self._map_version or not version[1]:
+            return
+        self._map_version = version
+        message = Path()
+        encode.fill_path(
+            message, PoseStamped, self._localizer.submap_poses(), version[0], self._frame
+        )
+        self.publish("~/submaps", message)
+
     def _publish(self, attempts: list[Attempt]) -> None:
+        self._publish_submaps()
         for attempt in attempts:
             self._last = attempt
             self._publish_status()

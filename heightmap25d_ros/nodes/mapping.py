@@ -5,13 +5,14 @@
 from __future__ import annotations
 
 import math
+import pathlib
 import sys
 import tempfile
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
+from nav_msgs.msg import Path
 from nav_msgs.srv import GetMap
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
@@ -76,6 +77,7 @@ class MappingNode(ManagedNode):
                 LocalizationStatus, "localization/status",
                 self._mapping.take_localization_status, qos.LATCHED,
             ),
+            Input(Path, "localization/submaps", self._on_submaps, qos.LATCHED),
             Input(PointStamped, "clicked_point", self._on_clicked_point, qos.QUEUE),
         ]  # fmt: skip
 
@@ -144,7 +146,7 @@ class MappingNode(ManagedNode):
         try:
             self._save(self.params.mapping.autosave)
         except Exception as error:
-            path = Path(tempfile.mkdtemp(prefix="heightmap25d_")) / "map"
+            path = pathlib.Path(tempfile.mkdtemp(prefix="heightmap25d_")) / "map"
             self._write(path, max_cells=math.inf)
             told = printable(f"map not saved: {error}")
             self.get_logger().error(f"{told}; saved as {path} instead")
@@ -191,6 +193,11 @@ class MappingNode(ManagedNode):
             self._transform.observe(message)
         self._count(self._mapping.take_transforms(message, is_static=is_static))
 
+    def _on_submaps(self, message: Path) -> None:
+        if self._mapping.take_submaps(message):
+            self._replace_map()
+            self.get_logger().info("a loop was closed: the map was moved with its submaps")
+
     def _pass_time(self) -> None:
         self._mapping.pass_time(self.get_clock().now().nanoseconds)
 
@@ -226,10 +233,10 @@ class MappingNode(ManagedNode):
         self._version += 1
         self._publisher.begin_anew()
 
-    def _path(self, name: str) -> Path:
-        return map_directory.map_path(Path(self.params.mapping.map_directory), name)
+    def _path(self, name: str) -> pathlib.Path:
+        return map_directory.map_path(pathlib.Path(self.params.mapping.map_directory), name)
 
-    def _save(self, name: str) -> Path:
+    def _save(self, name: str) -> pathlib.Path:
         path = self._path(name)
         self._count(self._mapping.settle())
         self._write(path)
@@ -237,7 +244,7 @@ class MappingNode(ManagedNode):
         self.get_logger().info(f"map saved: {path}")
         return path
 
-    def _write(self, path: Path, max_cells: float | None = None) -> None:
+    def _write(self, path: pathlib.Path, max_cells: float | None = None) -> None:
         height_map, obstacle_map = self._mapping.maps(max_cells)
         layers = self._mapping.layers(height_map.geometry)
         map_directory.save(path, height_map, obstacle_map, self._frame, layers=layers)

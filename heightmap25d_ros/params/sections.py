@@ -398,6 +398,9 @@ class MappingParams(Section):
     publish_transform: bool = parameter(
         True, "whether map -> odom is published on /tf while nobody else publishes it"
     )
+    needs_localization: bool = parameter(
+        False, "nothing is mapped until localization has told how sure the pose is"
+    )
     max_cells: float = parameter(
         32e6,
         "a map whose bounding box has more cells is published and saved without what is far off "
@@ -606,17 +609,9 @@ class LocalizationParams(Section):
         "", "directory of the long-term map; empty: from the topic long_term_grid"
     )
     own_map: bool = parameter(
-        False, "localization on the map made so far, without a long-term map (SLAM); closed loops "
-        "move the pose at once"
+        False, "localization on the map made so far (SLAM), which goes on from that of "
+        "map_directory, if there is one; closed loops move the pose at once"
     )  # fmt: skip
-
-    def __post_init__(self) -> None:
-        Section.__post_init__(self)
-        if self.own_map and self.map_directory:
-            raise InputError(
-                "parameter localization.own_map: is of a robot without a map, and "
-                "localization.map_directory names one"
-            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,19 +5,21 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.exploration.explorer import Choice, Explorer, Survey
+from heightmap25d_ros.exploration.explorer import Choice, Explorer
 from heightmap25d_ros.exploration.looking import full_turn, headings_to_see
+from heightmap25d_ros.exploration.survey import Survey
 from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.io import decode
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.drops import Drops
+from heightmap25d_ros.pipelines.exploration_run import Run
 from heightmap25d_ros.pipelines.exploration_task import End, State, Task
 from heightmap25d_ros.pipelines.level_map import LevelMap
 from heightmap25d_ros.pipelines.map_frames import MapFrames
@@ -27,36 +29,10 @@ REACHED = 0.4
 """A place to look from is reached within this distance [m]."""
 
 _FACED = 0.3  # [rad] a heading is reached within it
-_MOVED = 0.1  # [m] and as many radians: less is no motion
 _PERIOD = 2.0  # [s] between two checks whether the goal is still worth its way
 _LEAST_LOOK = 0.1  # of min_gain: for less the robot does not turn
 _GIVEN_UP_IN_A_ROW = 5  # goals, without a motion between them: the robot is stuck
-_TRAIL = 2.0  # [m] between two places that are remembered
 _RESET = 0.5  # share of known cells that a map must keep, to be the same map
-
-
-@dataclass(slots=True, kw_only=True, eq=False)
-class _Run:
-    """An exploration under way."""
-
-    task: Task
-    explorer: Explorer
-    home: Pose2D | None = None
-    goal: Pose2D | None = None
-    gain: float = 0.0
-    sent_ns: int = 0
-    headings: list[float] = field(default_factory=list)  # still to be turned to; the next first
-    maps_at_last_heading: int | None = None
-    checked_s: float = 0.0
-    moved_s: float = 0.0  # when the robot moved last
-    rested_at: Pose2D | None = None  # where that was
-    given_up: int = 0  # goals since the robot moved last
-    lost_s: float = 0.0  # for how long the pose has been unknown
-    is_relocating: bool = False
-    trail: list[Pose2D] = field(default_factory=list)
-    ending: tuple[End, str] | None = None  # while it returns
-    elapsed: float = 0.0
-    distance: float = 0.0
 
 
 class Exploration:
@@ -96,7 +72,7 @@ class Exploration:
         self._map: HeightMap | None = None
         self._maps = 0  # so many have come
         self._known_cells = 0
-        self._run: _Run | None = None
+        self._run: Run | None = None
         self._is_paused = self._is_lost = False
         self._deviation = 0.0
         self._refusal = ""
@@ -106,6 +82,11 @@ class Exploration:
     def is_running(self) -> bool:
         """Whether it has been started and has not ended."""
         return self.state not in (State.IDLE, State.ENDED)
+
+    @property
+    def _sure(self) -> float:
+        """Standard deviation [m] of a pose that is well known."""
+        return self._params.exploration.max_deviation / 2.0
 
     @property
     def goal(self) -> Pose2D | None:
@@ -163,7 +144,7 @@ class Exploration:
         task = task or Task.of(self._params)
         own = replace(self._params.exploration, min_gain=task.min_gain)
         params = replace(self._params, exploration=own)
-        self._run = _Run(task=task, explorer=Explorer(params, task.boundary))
+        self._run = Run(task=task, explorer=Explorer(params, task.boundary))
         self._is_paused, self._refusal = False, ""
         self.end, self.has_returned = End.NONE, False
         self._tell(State.PAUSED, "waits for a map and the robot's pose")
@@ -266,13 +247,13 @@ class Exploration:
             return self._rest(run, robot, passed)
         run.lost_s = 0.0
         run.elapsed += passed
-        self._note_motion(run, robot)
+        run.note_motion(robot, is_sure=self._deviation <= self._sure)
         try:
             return self._next(run, robot)
         except InputError as error:
             return self._finish(End.STUCK, f"the map cannot be planned over: {error}")
 
-    def _rest(self, run: _Run, robot: Pose2D, passed: float) -> Pose2D | None:
+    def _rest(self, run: Run, robot: Pose2D, passed: float) -> Pose2D | None:
         """Wait where the robot is."""
         run.moved_s = run.elapsed
         if self._is_lost:
@@ -287,11 +268,11 @@ class Exploration:
         self._drop_goal(run)
         return robot
 
-    def _next(self, run: _Run, robot: Pose2D) -> Pose2D | None:
+    def _next(self, run: Run, robot: Pose2D) -> Pose2D | None:
         if run.home is None:
             run.home = robot
             return self._look(run, robot, full_turn(robot.yaw or 0.0))
-        reached = self._limit(run)
+        reached = run.limit
         if reached and run.ending is None:
             return self._wind_up(run, robot, End.LIMIT, reached)
         if run.headings or run.maps_at_last_heading is not None:
@@ -302,15 +283,7 @@ class Exploration:
             return self._choose(run, robot)
         return self._driven(run, robot, run.goal)
 
-    def _limit(self, run: _Run) -> str:
-        """The limit that is reached, in words; else empty."""
-        if 0.0 < run.task.time_limit <= run.elapsed:
-            return f"the limit of {run.task.time_limit:g} s is reached"
-        if 0.0 < run.task.distance_limit <= run.distance:
-            return f"the limit of {run.task.distance_limit:g} m is reached"
-        return ""
-
-    def _choose(self, run: _Run, robot: Pose2D) -> Pose2D | None:
+    def _choose(self, run: Run, robot: Pose2D) -> Pose2D | None:
         """The next place to look from; or the end."""
         self._drop_goal(run)
         survey = self._surveyed(run, robot)
@@ -318,27 +291,27 @@ class Exploration:
         if not np.isfinite(survey.costs).any():
             return self._finish(End.STUCK, "no path leads away from where the robot stands")
         if choice.goal is None:
-            return self._wind_up(run, robot, End.DONE, _done(run))
+            return self._wind_up(run, robot, End.DONE, run.told_done)
         if math.hypot(choice.goal.x - robot.x, choice.goal.y - robot.y) <= REACHED:
             return self._look_around(run, survey, robot)
         yaw = math.atan2(choice.goal.y - robot.y, choice.goal.x - robot.x)
         goal = replace(choice.goal, yaw=yaw)
         return self._send(run, goal, choice.gain, State.DRIVING, "drives to a frontier")
 
-    def _surveyed(self, run: _Run, robot: Pose2D) -> Survey:
+    def _surveyed(self, run: Run, robot: Pose2D) -> Survey:
         assert self._map is not None
         self.survey = run.explorer.survey(self._map, robot)
         return self.survey
 
-    def _driven(self, run: _Run, robot: Pose2D, goal: Pose2D) -> Pose2D | None:
+    def _driven(self, run: Run, robot: Pose2D, goal: Pose2D) -> Pose2D | None:
         """On the way to a goal."""
-        fault = self._refusal or self._standstill(run)
+        fault = self._refusal or run.standstill(self._params.exploration.stuck_timeout)
         if fault:
             return self._give_up(run, goal, fault)
         is_there = math.hypot(goal.x - robot.x, goal.y - robot.y) <= REACHED
         if run.is_relocating:
-            is_sure = self._deviation <= self._params.exploration.max_deviation / 2.0
-            return self._choose(run, robot) if is_there or is_sure else None
+            is_back = is_there or self._deviation <= self._sure
+            return self._choose(run, robot) if is_back else None
         if not is_there and run.elapsed < run.checked_s + _PERIOD:
             return None
         run.checked_s = run.elapsed
@@ -347,16 +320,10 @@ class Exploration:
             return self._relocate(run, survey)
         if is_there:
             return self._look_around(run, survey, robot)
-        return None if self._is_worth(run, survey, goal) else self._choose(run, robot)
+        is_worth = run.is_worth(survey, goal, self._params.exploration.keep_gain)
+        return None if is_worth else self._choose(run, robot)
 
-    def _is_worth(self, run: _Run, survey: Survey, goal: Pose2D) -> bool:
-        """Whether enough of a goal's gain is left, and the way to it open."""
-        least = self._params.exploration.keep_gain * run.gain
-        if run.gain >= run.task.min_gain:  # else it is a way to more
-            least = max(least, run.task.min_gain)
-        return survey.gain_of(goal) >= least and math.isfinite(survey.cost_of(goal))
-
-    def _look_around(self, run: _Run, survey: Survey, robot: Pose2D) -> Pose2D | None:
+    def _look_around(self, run: Run, survey: Survey, robot: Pose2D) -> Pose2D | None:
         """Turn to where something is still to be seen; or be done with this place."""
         self._drop_goal(run)
         missing = survey.unseen_around(robot)
@@ -367,11 +334,11 @@ class Exploration:
         headings = headings_to_see(missing, robot, self._params.exploration.blind_radius)
         return self._look(run, robot, headings)
 
-    def _look(self, run: _Run, robot: Pose2D, headings: list[float]) -> Pose2D | None:
+    def _look(self, run: Run, robot: Pose2D, headings: list[float]) -> Pose2D | None:
         run.headings = headings
         return self._send(run, replace(robot, yaw=headings[0]), 0.0, State.LOOKING, "looks around")
 
-    def _turned(self, run: _Run, robot: Pose2D) -> Pose2D | None:
+    def _turned(self, run: Run, robot: Pose2D) -> Pose2D | None:
         """While it looks around."""
         if run.maps_at_last_heading is not None:
             if self._maps <= run.maps_at_last_heading + 1:  # one may have been on its way
@@ -380,7 +347,7 @@ class Exploration:
             run.explorer.note_look(self._surveyed(run, robot))
             self._drop_goal(run)
             return None
-        fault = self._refusal or self._standstill(run)
+        fault = self._refusal or run.standstill(self._params.exploration.stuck_timeout)
         if fault:
             run.explorer.give_up(robot)
             return self._give_up(run, robot, fault)
@@ -392,7 +359,7 @@ class Exploration:
             return None
         return self._look(run, robot, run.headings)
 
-    def _missed_map(self, run: _Run) -> Pose2D | None:
+    def _missed_map(self, run: Run) -> Pose2D | None:
         """While the map of what the robot has looked at is to come; the end if it never does."""
         waited = run.elapsed - run.moved_s
         if waited <= self._params.exploration.stuck_timeout:
@@ -400,7 +367,7 @@ class Exploration:
         told = f"no map of what the robot has looked at has come for {waited:.0f} s"
         return self._finish(End.STUCK, told)
 
-    def _relocate(self, run: _Run, survey: Survey) -> Pose2D | None:
+    def _relocate(self, run: Run, survey: Survey) -> Pose2D | None:
         """Go back to the nearest place at which the pose was well known."""
         place = min(run.trail, key=survey.cost_of)
         if not math.isfinite(survey.cost_of(place)):
@@ -409,7 +376,7 @@ class Exploration:
         reason = f"returns to where its pose was known: it errs by {self._deviation:.2f} m or so"
         return self._send(run, place, 0.0, State.DRIVING, reason)
 
-    def _wind_up(self, run: _Run, robot: Pose2D, end: End, reason: str) -> Pose2D | None:
+    def _wind_up(self, run: Run, robot: Pose2D, end: End, reason: str) -> Pose2D | None:
         """End, or first return home."""
         home = run.home
         if not run.task.return_home or home is None:
@@ -418,16 +385,16 @@ class Exploration:
         run.ending = end, reason
         return self._send(run, home, 0.0, State.RETURNING, f"returns home: {reason}")
 
-    def _returned(self, run: _Run, robot: Pose2D, ending: tuple[End, str]) -> Pose2D | None:
+    def _returned(self, run: Run, robot: Pose2D, ending: tuple[End, str]) -> Pose2D | None:
         home = run.goal or robot
         self.has_returned = math.hypot(home.x - robot.x, home.y - robot.y) <= REACHED
         end, reason = ending
         if self.has_returned:
             return self._finish(end, f"{reason}; the robot is back home")
-        fault = self._refusal or self._standstill(run)
+        fault = self._refusal or run.standstill(self._params.exploration.stuck_timeout)
         return self._finish(end, f"{reason}; it did not return home: {fault}") if fault else None
 
-    def _give_up(self, run: _Run, goal: Pose2D, fault: str) -> Pose2D | None:
+    def _give_up(self, run: Run, goal: Pose2D, fault: str) -> Pose2D | None:
         run.explorer.give_up(goal)
         run.given_up += 1
         self._drop_goal(run)
@@ -437,27 +404,8 @@ class Exploration:
             )
         return None
 
-    def _standstill(self, run: _Run) -> str:
-        """That the robot has not moved for too long, in words; else empty."""
-        seconds = run.elapsed - max(run.moved_s, 0.0)
-        if seconds <= self._params.exploration.stuck_timeout:
-            return ""
-        return f"the robot has not moved for {seconds:.0f} s"
-
-    def _note_motion(self, run: _Run, robot: Pose2D) -> None:
-        before = run.rested_at
-        if before is None or _has_moved(before, robot):
-            is_away = before is not None and math.hypot(robot.x - before.x, robot.y - before.y)
-            run.rested_at, run.moved_s = robot, run.elapsed
-            run.given_up = 0 if is_away else run.given_up
-        is_sure = self._deviation <= self._params.exploration.max_deviation / 2.0
-        if is_sure and all(
-            math.hypot(robot.x - place.x, robot.y - place.y) > _TRAIL for place in run.trail
-        ):
-            run.trail.append(robot)
-
     def _send(
-        self, run: _Run, goal: Pose2D, gain: float, state: State, reason: str
+        self, run: Run, goal: Pose2D, gain: float, state: State, reason: str
     ) -> Pose2D | None:
         run.goal, run.gain, run.sent_ns = goal, gain, self._now_ns or 0
         run.checked_s = run.moved_s = run.elapsed
@@ -465,9 +413,8 @@ class Exploration:
         self._tell(state, reason)
         return goal
 
-    def _drop_goal(self, run: _Run) -> None:
-        run.goal, run.gain, run.headings = None, 0.0, []
-        run.maps_at_last_heading, run.is_relocating = None, False
+    def _drop_goal(self, run: Run) -> None:
+        run.drop_goal()
         self._refusal = ""
 
     def _finish(self, end: End, reason: str) -> Pose2D | None:
@@ -482,14 +429,3 @@ class Exploration:
     def _robot(self) -> Pose2D | None:
         T = self._frames.robot()
         return None if T is None else pose_2d(T)
-
-
-def _done(run: _Run) -> str:
-    count = len(run.explorer.given_up)
-    reason = f"no place is left that shows {run.task.min_gain:g} m^2 or more"
-    return f"{reason}; {count} could not be reached" if count else reason
-
-
-def _has_moved(before: Pose2D, after: Pose2D) -> bool:
-    turned = abs(math.remainder((after.yaw or 0.0) - (before.yaw or 0.0), 2.0 * math.pi))
-    return math.hypot(after.x - before.x, after.y - before.y) + turned > _MOVED

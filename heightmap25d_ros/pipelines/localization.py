@@ -41,6 +41,7 @@ from heightmap25d_ros.pipelines.scan_queue import Reading
 from heightmap25d_ros.pipelines.sensor_intake import SensorIntake
 from heightmap25d_ros.pipelines.transform_buffer import JUMP_BACK_NS
 from heightmap25d_ros.slam.own_map_localization import OwnMapLocalization
+from heightmap25d_ros.slam.saved_map import SavedMap
 
 _LEAST_COVARIANCE = np.diag(np.square([0.01, 0.01, 0.001]))  # nobody is surer of a pose
 
@@ -120,6 +121,7 @@ class Localizer(SensorIntake[Attempt]):
         super().__init__(params or Params(), is_bridging=False)
         self._search_slice = search_slice
         self._long_term: LongTermMap | None = None
+        self._saved: SavedMap | None = None
         self._waiting_pose: tuple[Array, Array] | None = None
         self._told_pose: tuple[se3.Matrix, Array] | None = None
         self._begin()
@@ -134,7 +136,10 @@ class Localizer(SensorIntake[Attempt]):
         T_map_odom, covariance = self._told_pose or (np.eye(4), self._initial_covariance)
         self._tracker: Tracker | OwnMapLocalization
         if self._params.localization.own_map:
-            self._tracker = OwnMapLocalization(self._params, T_map_odom)
+            self._tracker = OwnMapLocalization(
+                self._params, T_map_odom, covariance, self._search_slice
+            )
+            self._use_saved_map()
         else:
             self._tracker = Tracker(self._params, T_map_odom, covariance, self._search_slice)
             self._tracker.set_long_term(self._long_term)
@@ -160,7 +165,7 @@ class Localizer(SensorIntake[Attempt]):
     @property
     def state(self) -> State:
         """How sure the pose is; without one of its sources not more than DEGRADED."""
-        state = self._tracker.health.state
+        state = self._tracker.state
         is_blind = state is State.TRACKING and bool(self._queue.silence.silent)
         return State.DEGRADED if is_blind else state
 
@@ -207,6 +212,20 @@ class Localizer(SensorIntake[Attempt]):
         lag = np.array([*shift, se3.yaw(between)])
         return self._tracker.estimate.covariance + np.outer(lag, lag)
 
+    @property
+    def map_version(self) -> tuple[int, int, int]:
+        """Which map the robot makes [ns], of how many submaps, and how often they were moved.
+
+        Without any submaps the robot makes no map, or has not begun it.
+        """
+        own = self._tracker
+        return own.map_version if isinstance(own, OwnMapLocalization) else (0, 0, 0)
+
+    def submap_poses(self) -> Array:
+        """(K, 4, 4): the robot at the beginning of each submap of the map that it makes."""
+        own = self._tracker
+        return own.submap_poses() if isinstance(own, OwnMapLocalization) else np.empty((0, 4, 4))
+
     def short_term_map(self) -> HeightMap | None:
         """The short-term map that is registered next, in cells of its own in odom."""
         if isinstance(self._tracker, OwnMapLocalization):
@@ -217,18 +236,28 @@ class Localizer(SensorIntake[Attempt]):
     def set_long_term(self, height_map: HeightMap, layers: LayerMap | None = None) -> None:
         """Take the long-term map in; it may come, and be replaced, at any time.
 
-        With its localization layers single scans are tracked, without them short-term maps.
+        With its localization layers single scans are tracked, without them short-term maps. With
+        ``localization.own_map`` the robot is searched in it, and goes on from it.
 
         Raises
         ------
         InputError
-            If the memory for it is not available; the map before stays. Or if the robot makes its
-            own map (``localization.own_map``).
+            If the memory for it is not available; the map before stays.
         """
         if isinstance(self._tracker, OwnMapLocalization):
-            raise InputError("a robot with localization.own_map takes no long-term map")
-        self._long_term = LongTermMap.of(height_map, layers, self._params)
-        self._tracker.set_long_term(self._long_term)
+            self._saved = SavedMap(height_map, layers, self._params)
+            self._long_term = self._saved.long_term
+            self._use_saved_map()
+        else:
+            self._long_term = LongTermMap.of(height_map, layers, self._params)
+            self._tracker.set_long_term(self._long_term)
+
+    def _use_saved_map(self) -> None:
+        """Go on from the saved map: where others have told the robot to be, or wherever it is."""
+        if self._saved is not None and isinstance(self._tracker, OwnMapLocalization):
+            self._tracker.set_saved_map(self._saved)
+            if self._told_pose is None and self._waiting_pose is None:
+                self._tracker.request_search()
 
     def begin_at(self, xyz_yaw: ArrayLike) -> None:
         """Where the robot is at the first odometry: x, y, z [m], yaw [rad] in the map.
@@ -245,10 +274,7 @@ class Localizer(SensorIntake[Attempt]):
 
     def request_search(self) -> bool:
         """Search the whole map for the robot; whether there is one."""
-        if self._long_term is None or isinstance(self._tracker, OwnMapLocalization):
-            return False
-        self._tracker.request_search()
-        return True
+        return self._tracker.request_search()
 
     def take_odometry(self, message: Any) -> list[Attempt]:
         """Take a nav_msgs/Odometry in; the pose is of its time afterwards."""
@@ -341,14 +367,19 @@ class Localizer(SensorIntake[Attempt]):
                 continue
             if attempt is not None:
                 attempts.append(attempt)
+        self._jump()
         return attempts
+
+    def _jump(self) -> bool:
+        """Where the estimate was replaced, others are told so at once; whether it was."""
+        has_jumped = self._tracker.jumps != self._jumps_seen
+        if has_jumped:
+            self._jumps_seen = self._tracker.jumps
+            self._smooth.T_map_odom = self._tracker.estimate.T_map_odom
+        return has_jumped
 
     def _follow(self, before: Odometry, odometry: Odometry) -> None:
         """Bring what is told to others nearer to the estimate."""
-        target = self._tracker.estimate.T_map_odom
-        if self._tracker.jumps != self._jumps_seen:
-            self._jumps_seen = self._tracker.jumps
-            self._smooth.T_map_odom = target
-            return
-        seconds = (odometry.stamp_ns - before.stamp_ns) * 1e-9
-        self._smooth.follow(target, odometry.T, seconds)
+        if not self._jump():
+            seconds = (odometry.stamp_ns - before.stamp_ns) * 1e-9
+            self._smooth.follow(self._tracker.estimate.T_map_odom, odometry.T, seconds)

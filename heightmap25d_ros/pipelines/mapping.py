@@ -35,6 +35,9 @@ from heightmap25d_ros.pipelines import scan_queue
 from heightmap25d_ros.pipelines.scan_queue import Reading
 from heightmap25d_ros.pipelines.sensor_intake import SensorIntake
 from heightmap25d_ros.pipelines.silence import LOCALIZATION, Silence
+from heightmap25d_ros.pipelines.submap_poses import SubmapPoses
+from heightmap25d_ros.slam import moved_parts
+from heightmap25d_ros.slam.moved_parts import CellParts, PartedMap, moved
 from heightmap25d_ros.terrain.explanation import Explanation, Waiting, explain, surroundings
 from heightmap25d_ros.terrain.obstacle_grid import ObstacleGrid, covering
 from heightmap25d_ros.terrain.shown_level import ShownLevel
@@ -66,10 +69,12 @@ def compile_kernels(params: Params) -> None:
     scratch = Mapping(replace(params, grid=replace(params.grid, extent=_SCRATCH_EXTENT)))
     scratch.merge(scan_queue.sample_reading())
     scratch.maps()
+    moved_parts.compile_kernels()
 
 
 _BYTES_OF_CELL = 4  # height and probability
 _BYTES_OF_MAPS = 16  # of a cell, with its occupancy and cost, and what is between
+_BYTES_OF_MOVED = 250  # of a cell, with its layers before and after
 
 
 _NO_TILES = np.empty((0, 2), np.int64)
@@ -111,6 +116,7 @@ class Mapping(SensorIntake[Reading]):
         self._is_lost = self._is_localized = False
         self._silence = Silence([LOCALIZATION], params.intake.timeout)
         self._layers: LocalizationLayers | None = None
+        self._submaps = SubmapPoses()
         self._robot: tuple[float, float, float] | None = None  # its position in the map
         self._was_level = False
         self.clear()
@@ -169,6 +175,7 @@ class Mapping(SensorIntake[Reading]):
 
     def _use_grid(self, grid: HeightGrid) -> None:
         self.grid = grid
+        self._parts = CellParts(grid)
         self._layers = (
             LocalizationLayers(grid, grid.upper.count)
             if self._params.mapping.localization_layers
@@ -220,6 +227,40 @@ class Mapping(SensorIntake[Reading]):
         if stamp is not None and message.state == message.TRACKING:
             self._tracking_ns = stamp
             self._resume()
+
+    def take_submaps(self, message: Any) -> bool:
+        """Take a nav_msgs/Path in: the beginnings of the submaps of localization's own map.
+
+        Where a closed loop has moved them, the map follows, see `slam.moved_parts`; whether it has.
+        """
+        frame = self._params.mapping.map_frame
+        begun_ns = self._submaps.begun_ns
+        motions = self.dropped.decoded("submaps", lambda m: self._submaps.take(m, frame), message)
+        if self._submaps.begun_ns != begun_ns:  # of a new map: what there is stays where it is
+            self._parts = CellParts(self.grid)
+        if motions is None or not self.grid.observed_cells:
+            return False
+        try:
+            self._move(motions)
+        except InputError as error:
+            self.dropped.notice(f"a loop was closed, and the map does not follow: {error}")
+            return False
+        return True
+
+    def _move(self, motions: Array) -> None:
+        """Move (K, 4, 4) what was seen from each submap."""
+        area = self.grid.observed_area()
+        memory.require(area.rows * area.columns * _BYTES_OF_MOVED, "the map, moved by a loop")
+        height_map = self.grid.read(self._params.mapper.probability_threshold, area)
+        layers = None if self._layers is None else self._layers.read(area)
+        source = PartedMap(height_map, layers, self._parts.read(area))
+        found = moved(source, motions, self.grid.geometry)
+        grid = HeightGrid(self._params.grid, self.grid.anchor, self._params.levels)
+        grid.write(found.height_map)
+        self._use_grid(grid)
+        self._parts.write(grid.area_of(found.height_map.geometry), found.parts)
+        if self._layers is not None and found.layers is not None:
+            self._layers.write(found.layers)
 
     def pass_time(self, now_ns: int) -> None:
         """Let the time [ns] pass in which localization can fall silent, see `Silence`.
@@ -410,6 +451,9 @@ class Mapping(SensorIntake[Reading]):
         if self._is_paused:
             self.dropped.record("scan: localization is silent", count=len(readings))
             return []
+        if self._params.mapping.needs_localization and not self._is_localized:
+            self.dropped.record("scan: nothing from localization yet", count=len(readings))
+            return []
         known = [r for r in readings if self._queue.gate.is_known(r.scan.stamp_ns)]
         unknown = len(readings) - len(known)
         self.dropped.record("scan: the pose is unknown since the odometry jumped", count=unknown)
@@ -435,6 +479,8 @@ class Mapping(SensorIntake[Reading]):
             )
         if self._layers is not None:
             self._layers.integrate(beams)
+        if self._submaps.newest:
+            self._parts.integrate(beams, self._submaps.newest)
         if self._drop_offs is not None:
             self._drop_offs.integrate(beams)
         self.watch.observe_ranges(

@@ -72,6 +72,20 @@ class TransitionGraph:
         """All of its cells."""
         return Area(0, 0, *self.geometry.shape)
 
+    def part(self, area: Area) -> TransitionGraph:
+        """An area of the graph, by views of its arrays; transitions across its border stay."""
+        here = area.slices(self.area)
+        names = "height", "weight", "occupied", "forbidden", "enterable", "blocked"
+        arrays: dict[str, Any] = {name: getattr(self, name)[here] for name in names}
+        rows, columns = (slice(part.start, part.stop + 2) for part in here)
+        return replace(
+            self,
+            geometry=self.geometry.part(area),
+            gradient=self.gradient[:, here[0], here[1]],
+            incoming=self.incoming[rows, columns],
+            **arrays,
+        )
+
     def with_part(
         self,
         area: Area,

@@ -103,6 +103,18 @@ class CostToGo:
         inner = self.remaining[1:-1, 1:-1]
         return np.where(inner == 0, np.int32(UNREACHABLE), inner + np.int32(_LIMIT))
 
+    def lower(self, costs: NDArray[np.float64], offset: float) -> None:
+        """Replace costs [cells of flat ground] by those to the goal and beyond it, where lower.
+
+        Parameters
+        ----------
+        costs : (rows, columns) float64
+            Changed in place.
+        offset : float [cells of flat ground]
+            Cost from the goal on.
+        """
+        _lower(costs, self.remaining, offset)
+
     def direction(self, cell: Cell) -> int:
         """Index in `NEIGHBOURS` of the best step from a cell; -1 at the goal or without a path."""
         y, x = cell[0] + 1, cell[1] + 1
@@ -279,6 +291,15 @@ def _search(  # noqa: C901, PLR0912, PLR0913, PLR0915
             tops[_at(slot)] = new
     state[0], state[1], state[2] = bucket, free, unused
     return _AGAIN
+
+
+@kernel
+def _lower(costs, remaining, offset):
+    for y in range(costs.shape[0]):
+        for x in range(costs.shape[1]):
+            if remaining[y + 1, x + 1] != 0:
+                cost = offset + (remaining[y + 1, x + 1] + _LIMIT) / STRAIGHT
+                costs[y, x] = min(costs[y, x], cost)
 
 
 @kernel

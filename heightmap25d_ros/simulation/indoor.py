@@ -174,7 +174,8 @@ def garage(rng: np.random.Generator) -> World:
     pillars = [(x, y) for x in np.arange(1.0, head + 3.0, 4.5) for y in (3.6, 6.9)]
     solids += [box((px, px + 0.3), (py, py + 0.3), (0.0, rise - slab)) for px, py in pillars]
     far = head - 1.0
-    corners = [(0, 0), (0.3, 5.3), (far, 5.3), (far, 8.0), (0.0, 8.0), (0.0, 0.4), (2.0, 0.0),
+    turn = max(far, 15.3)  # past the last pillar, with room for the robot
+    corners = [(0, 0), (0.3, 5.3), (turn, 5.3), (turn, 8.0), (0.0, 8.0), (0.0, 0.4), (2.0, 0.0),
                (head + 2.2, 0.0), (head + 2.2, 5.3), (3.0, 5.3)]  # fmt: skip
     way = smooth(np.array(corners, np.float64), 1.2)
     taken = [(px + 0.15, py + 0.15, 0.3) for px, py in pillars]

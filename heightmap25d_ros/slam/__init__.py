@@ -3,10 +3,11 @@
 """Maps without known poses.
 
 `own_map_tracker` holds each scan against what has been mapped so far and inserts it at its
-corrected pose. What it has mapped is kept in `submaps` of some metres, each rigid in itself, with
-the `sightings` of their cells; `own_map` joins those around the robot for the scan filter and for
-searches. `loop_closure` finds the robot in older submaps, and `pose_graph` moves all of them to
-where they agree.
+corrected pose; how far it may be off since, `drift` tells. What it has mapped is kept in `submaps`
+of some metres, each rigid in itself, with the `sightings` of their cells; `own_map` joins those
+around the robot for the scan filter and for searches. `loop_closure` finds the robot in older
+submaps, and `submap_graph`, over the `pose_graph`, moves all of them to where they agree; a
+`saved_map` of another day may be the first one. `moved_parts` moves what others made with them.
 `own_map_localization` does all of this while the robot drives, `map_pass` holds a recorded drive
 against the finished map once more. `map_registration` finds a finished map in another one, and
 `map_merge` makes one of both.

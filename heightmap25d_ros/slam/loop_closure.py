@@ -11,22 +11,25 @@ joined when the next search, some metres on, finds the same drift.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
-from heightmap25d_ros.localization.global_search import Prior, relocalize
+from heightmap25d_ros.localization.global_search import GlobalSearch, Prior
 from heightmap25d_ros.localization.landmarks import Landmarks, landmarks_of
 from heightmap25d_ros.localization.matching import RegistrationPoints
 from heightmap25d_ros.localization.registration import Reason
 from heightmap25d_ros.localization.scan_update import Update, update_by_returns
-from heightmap25d_ros.localization.surface import surface_of
+from heightmap25d_ros.localization.sliced_search import SlicedSearch
+from heightmap25d_ros.localization.surface import edges, surface_of
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.slam.own_map import surroundings
-from heightmap25d_ros.slam.submaps import Submap
+from heightmap25d_ros.slam.submaps import MappedCells
 
+_QUERY_REACH = 12.0  # [m] from the robot, of its surroundings
 _LEAST_AGREEING = 0.75  # share of the returns over known places that must agree with these
 _MOST_RESIDUAL = 0.04  # [m] mean distance from walls and ground, of at most 0.1 m each
 _NEAR = np.square([0.1, 0.1, 0.03, 0.1])  # variances about a pose that was found
@@ -72,30 +75,102 @@ class Found:
     covariance: Array
 
 
-def search(
-    query: Query, submaps: list[Submap], radius: float, turn: float, params: Params
-) -> Found:
-    """Search submaps for the robot.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoopAttempt:
+    """A search of older submaps, and what became of it.
+
+    Attributes
+    ----------
+    stamp_ns : int [ns]
+    first, second : int
+        The submaps that it would join; the second is the newer one.
+    outcome : str
+        "closed", or why not.
+    drift : float [m]
+        How far the robot was found from where it was expected.
+    radius : float [m]
+        Within which it was searched.
+    """
+
+    stamp_ns: int
+    first: int
+    second: int
+    outcome: str
+    drift: float
+    radius: float
+
+
+def query_of(
+    recent: Sequence[MappedCells],
+    T_map_base: se3.Matrix,
+    returns: Sequence[Array],
+    params: Params,
+) -> Query:
+    """The robot at a pose (4, 4) in the last submaps, with returns (N, 3) [m, map] of moments."""
+    position, resolution = T_map_base[:3, 3], params.grid.resolution
+    height_map, layers = surroundings(recent, position, _QUERY_REACH, resolution)
+    heights = height_map.metres.astype(np.float32)
+    is_edge = edges(heights, params.registration.edge_step)
+    known = height_map.known
+    use_elevated = layers.elevated_count > 0
+    offset_x = np.where(use_elevated, layers.elevated_x, layers.ground_x)[known]
+    offset_y = np.where(use_elevated, layers.elevated_y, layers.ground_y)[known]
+    centres = height_map.geometry.cell_center(np.argwhere(known))
+    xy = centres + np.column_stack([offset_x, offset_y]) - position[:2]
+    points = RegistrationPoints(
+        np.ascontiguousarray(np.column_stack([xy, heights[known]]), np.float64),
+        is_edge[known], np.ones(len(xy)), (float(position[0]), float(position[1])),
+    )  # fmt: skip
+    seen = np.concatenate(returns) - position if returns else np.empty((0, 3))
+    return Query(T_map_base=T_map_base, points=points, returns=seen)
+
+
+class LoopSearch(SlicedSearch[Found]):
+    """A search of submaps for the robot, that is done in slices.
 
     Parameters
     ----------
     query : Query
-    submaps : list of Submap
+    submaps : sequence of MappedCells
     radius, turn : float [m], [rad]
         How far from the expected pose.
     params : Params
     """
-    T_map_base, resolution = query.T_map_base, params.grid.resolution
-    position = T_map_base[:3, 3]
-    height_map, layers = surroundings(submaps, position, params.slam.reach + radius, resolution)
-    surface = surface_of(height_map, params.registration.edge_step)
-    prior = Prior(float(position[0]), float(position[1]), radius, turn)
-    found = relocalize(query.points, surface, params.registration, prior)
-    if not found.is_accepted:
-        return Found(reason=found.reason, drift=np.eye(4), covariance=np.eye(4))
-    x, y, yaw = found.offset
-    coarse = se3.correction_about(T_map_base, (float(x), float(y), found.z), float(yaw))
-    return _proven(query, coarse, landmarks_of(height_map, layers), params)
+
+    def __init__(
+        self,
+        query: Query,
+        submaps: Sequence[MappedCells],
+        radius: float,
+        turn: float,
+        params: Params,
+    ) -> None:
+        self._query, self._submaps, self._params = query, submaps, params
+        x, y = (float(coordinate) for coordinate in query.T_map_base[:2, 3])
+        self._prior = Prior(x, y, radius, turn)
+        super().__init__()
+
+    def _run(self) -> Iterator[Found | None]:
+        query, params = self._query, self._params
+        T_map_base, reach = query.T_map_base, params.slam.reach + self._prior.radius
+        height_map, layers = surroundings(
+            self._submaps, T_map_base[:3, 3], reach, params.grid.resolution
+        )
+        yield None
+        surface = surface_of(height_map, params.registration.edge_step)
+        yield None
+        search = GlobalSearch(query.points, surface, params.registration, self._prior)
+        while not search.step(0.0):
+            yield None
+        found = search.result
+        if not found.is_accepted:
+            yield Found(reason=found.reason, drift=np.eye(4), covariance=np.eye(4))
+            return
+        landmarks = landmarks_of(height_map, layers)
+        yield None
+        x, y, yaw = found.offset
+        coarse = se3.correction_about(T_map_base, (float(x), float(y), found.z), float(yaw))
+        yield _proven(query, coarse, landmarks, params)
 
 
 def _proven(query: Query, coarse: se3.Matrix, landmarks: Landmarks, params: Params) -> Found:

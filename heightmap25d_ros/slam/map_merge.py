@@ -32,7 +32,7 @@ from heightmap25d_ros.grid.height_map import (
     HeightMap,
 )
 from heightmap25d_ros.grid.levels import UpperSurfaces
-from heightmap25d_ros.localization.layers import NAMES, LayerMap
+from heightmap25d_ros.localization.layers import LayerMap
 from heightmap25d_ros.params.sections import MapperParams, Params
 from heightmap25d_ros.slam.map_registration import (
     MapRegistration,
@@ -40,7 +40,7 @@ from heightmap25d_ros.slam.map_registration import (
     RegisteredMap,
     register_maps,
 )
-from heightmap25d_ros.slam.submaps import SubmapCells, cells_of, joined
+from heightmap25d_ros.slam.submaps import SubmapCells, cells_of, joined_layers
 
 _MOST_TOLD = 4  # places of an ambiguous map
 _TOUCHING = 1e-6  # [cells] by which maps on the same cells may be off
@@ -185,20 +185,11 @@ def _layers(
         ]
         if not evidence:
             return replace(found[0], above=tuple(found[1:]))
-        found.append(_joined(evidence, geometry))
+        found.append(joined_layers(evidence, geometry))
 
 
 def _levels_of(source: RegisteredMap) -> tuple[LayerMap, ...]:
     return () if source.layers is None else (source.layers, *source.layers.above)
-
-
-def _joined(evidence: Sequence[_Evidence], geometry: Geometry) -> LayerMap:
-    level, area = geometry.ground_zero, Area(0, 0, *geometry.shape)
-    found = joined(evidence, area, geometry.resolution, level)
-    dense = dict(zip(NAMES, found.layers, strict=True))
-    is_ground = dense["ground_count"] > 0
-    dense["ground_height"] = dense["ground_height"] + np.where(is_ground, np.float32(level), 0)
-    return LayerMap(geometry=geometry, above=(), **dense)
 
 
 def _from_corner(T: se3.Matrix, geometry: Geometry) -> se3.Matrix:
@@ -243,24 +234,9 @@ def _placed(
     return HeightMap(
         geometry=geometry, height=height, probability=probability,
         probability_threshold=source.probability_threshold,
-        upper=_upper(source, index, round(lift / HEIGHT_RESOLUTION)), is_level=source.is_level,
+        upper=source.upper.at(index, columns, round(lift / HEIGHT_RESOLUTION)),
+        is_level=source.is_level,
     ), index  # fmt: skip
-
-
-def _upper(source: HeightMap, index: NDArray[np.int64], lift: int) -> UpperSurfaces:
-    """The surfaces above the lowest ones, in the cells whose index in the source is given."""
-    upper = source.upper
-    if not len(upper):
-        return upper
-    flat = upper.cell[:, 0] * source.geometry.shape[1] + upper.cell[:, 1]
-    begins, ends = (np.searchsorted(flat, index, side) for side in ("left", "right"))
-    target = np.argwhere(ends > begins)
-    first, count = begins[ends > begins], (ends - begins)[ends > begins]
-    chosen = np.repeat(first, count) + np.concatenate([np.arange(n) for n in count])
-    return UpperSurfaces.of(
-        np.repeat(target, count, axis=0), upper.top[chosen] + lift, upper.bottom[chosen] + lift,
-        upper.probability[chosen],
-    )  # fmt: skip
 
 
 def _combined(

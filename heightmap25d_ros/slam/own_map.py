@@ -7,6 +7,7 @@ Only the surroundings are joined, so that it costs the same however large the ma
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,17 +17,17 @@ from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.grid.height_map import Area, HeightMap
 from heightmap25d_ros.localization.landmarks import Landmarks, landmarks_of
 from heightmap25d_ros.localization.layers import NAMES, LayerMap
-from heightmap25d_ros.slam.submaps import Submap, joined
+from heightmap25d_ros.slam.submaps import MappedCells, joined
 
 
 def surroundings(
-    submaps: list[Submap], position: Array, reach: float, resolution: float
+    submaps: Sequence[MappedCells], position: Array, reach: float, resolution: float
 ) -> tuple[HeightMap, LayerMap]:
     """Height map and localization layers of submaps within a square around a position.
 
     Parameters
     ----------
-    submaps : list of Submap
+    submaps : sequence of MappedCells
     position : (3,) float64 [m], map
         Its z is near the heights.
     reach : float [m]
@@ -54,7 +55,7 @@ def surroundings(
 
 
 def landmarks_around(
-    submaps: list[Submap], position: Array, reach: float, resolution: float
+    submaps: Sequence[MappedCells], position: Array, reach: float, resolution: float
 ) -> Landmarks:
     """Walls and ground of submaps around a position, see `surroundings`.
 
@@ -71,7 +72,7 @@ def landmarks_around(
     return replace(landmarks, walls=walls)
 
 
-def _confirmed(submaps: list[Submap], layers: LayerMap) -> NDArray[np.bool_]:
+def _confirmed(submaps: Sequence[MappedCells], layers: LayerMap) -> NDArray[np.bool_]:
     """The cells (rows, columns) of joined layers that one of the submaps has seen again."""
     geometry = layers.geometry
     is_confirmed = np.zeros(geometry.shape, bool)
@@ -84,7 +85,7 @@ def _confirmed(submaps: list[Submap], layers: LayerMap) -> NDArray[np.bool_]:
     return is_confirmed
 
 
-def _nearest(submap: Submap, position: Array) -> Array:
+def _nearest(submap: MappedCells, position: Array) -> Array:
     """The place x, y (2,) [m] of the bounds of a submap that is nearest to a position."""
     low, high = submap.bounds()
     return np.clip(position[:2], low, high)

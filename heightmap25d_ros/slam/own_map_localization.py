@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -11,11 +12,12 @@ import numpy as np
 from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.localization.matching import RegistrationPoints
-from heightmap25d_ros.localization.tracker import Attempt, Kind
+from heightmap25d_ros.localization.tracker import Attempt, Kind, Tracker
 from heightmap25d_ros.localization.tracking_state import Health, State
 from heightmap25d_ros.mapping.sensor_model import Beams
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.slam.own_map_tracker import OwnMapTracker
+from heightmap25d_ros.slam.saved_map import SavedMap
 
 _NO_POINTS = RegistrationPoints(np.zeros((0, 3)), np.zeros(0, bool), np.zeros(0))
 
@@ -38,54 +40,126 @@ class OwnEstimate(NamedTuple):
 
 
 class OwnMapLocalization:
-    """Localizes a robot that has no map but the one that it makes.
+    """Localizes a robot on the map that it makes, by itself or going on from a saved one.
+
+    On a saved map it is LOST until a `Tracker` has found it there, so that nothing is mapped in the
+    wrong place; then the frame stays, and scans are held against what was and what is.
 
     Parameters
     ----------
     params : Params
     T_map_odom : (4, 4) float64
+    covariance : (3, 3) float64
+        Of x, y [m], yaw [rad] of the robot, on a saved map.
+    search_slice : float, optional [s]
+        Time of a search between two scans; all at once by default.
 
     Attributes
     ----------
-    health : Health
-        TRACKING or DEGRADED, never LOST.
     jumps : int
-        Number of times that the estimate was replaced: at the start, and when a loop was closed.
+        Number of times that the estimate was replaced: at the start, when it was found on a saved
+        map, and when a loop was closed.
     """
 
-    def __init__(self, params: Params, T_map_odom: se3.Matrix) -> None:
-        self._params = params
+    def __init__(
+        self,
+        params: Params,
+        T_map_odom: se3.Matrix,
+        covariance: Array,
+        search_slice: float = np.inf,
+    ) -> None:
+        self._params, self._search_slice = params, search_slice
+        self._saved: SavedMap | None = None
+        self._finder: Tracker | None = None
         self.jumps = 0
-        self.set_pose(T_map_odom, np.zeros((3, 3)))
+        self.set_pose(T_map_odom, covariance)
+
+    @property
+    def state(self) -> State:
+        """TRACKING or DEGRADED; LOST until the robot is found on a saved map."""
+        return self._health.state if self._finder is None else State.LOST
+
+    @property
+    def map_version(self) -> tuple[int, int, int]:
+        """Which map it is [ns], the number of its submaps, and how often they were moved."""
+        own = self._own
+        return own.begun_ns, len(own.submaps), own.loops_closed
+
+    def submap_poses(self) -> Array:
+        """(K, 4, 4): the robot in the map at the beginning of each submap."""
+        return np.array([s.T_map_submap @ s.start for s in self._own.submaps]).reshape(-1, 4, 4)
 
     @property
     def estimate(self) -> OwnEstimate:
         """Where the robot is."""
+        if self._finder is not None:
+            found = self._finder.estimate
+            return OwnEstimate(found.T_map_odom, found.covariance, found.deviation)
         own = self._own
         return OwnEstimate(own.estimate.T_map_odom, own.covariance(), own.estimate.deviation)
 
     def set_params(self, params: Params) -> None:
         """Apply new parameters, to maps that are begun from now on."""
         self._params = params
+        if self._finder is not None:
+            self._finder.set_params(params)
 
-    def set_pose(self, T_map_odom: se3.Matrix, _: Array) -> None:
-        """Begin a new map, with the odometry's frame at a pose (4, 4) in it, which is exact."""
-        self._own = OwnMapTracker(self._params, T_map_odom, is_recording=False)
-        self.health = Health(self._params.localization)
+    def set_saved_map(self, saved: SavedMap) -> None:
+        """Go on from a saved map, wherever in it the robot is near the pose that it has."""
+        self._saved = saved
+        self._begin(self.estimate.T_map_odom, self.estimate.covariance)
+
+    def set_pose(self, T_map_odom: se3.Matrix, covariance: Array) -> None:
+        """Begin a new map, with the odometry's frame at a pose (4, 4) in it, which is exact.
+
+        On a saved map it is as uncertain as its covariance (3, 3), and is held against the map.
+        """
+        self._begin(T_map_odom, covariance)
         self.jumps += 1
+
+    def request_search(self) -> bool:
+        """Find the robot in all of the saved map, and go on from there; whether there is one."""
+        if self._saved is None:
+            return False
+        if self._finder is None:
+            self._begin(self.estimate.T_map_odom, self.estimate.covariance)
+        assert self._finder is not None
+        self._finder.request_search()
+        return True
+
+    def _begin(self, T_map_odom: se3.Matrix, covariance: Array) -> None:
+        if self._saved is not None:
+            self._finder = Tracker(self._params, T_map_odom, covariance, self._search_slice)
+            self._finder.set_long_term(self._saved.long_term)
+        self._use_map(OwnMapTracker(
+            self._params, T_map_odom, search_slice=self._search_slice, is_recording=False
+        ))  # fmt: skip
+
+    def _use_map(self, own: OwnMapTracker) -> None:
+        self._own = own
+        self._health = Health(self._params.localization)
         self._attempt_distance = 0.0
 
-    def mend(self, T_map_odom: se3.Matrix, _: Array) -> None:
+    def mend(self, T_map_odom: se3.Matrix, covariance: Array) -> None:
         """Odometry has jumped, the robot has not: its frame is at another pose from now on."""
+        if self._finder is not None:
+            self._finder.mend(T_map_odom, covariance)
         self._own.mend(T_map_odom)
         self.jumps += 1
 
     def forget(self) -> None:
         """The clock has jumped: scans of before do not go with those of now; the map stays."""
+        if self._finder is not None:
+            self._finder.forget()
         self._own.mend(self._own.estimate.T_map_odom)
 
     def move(self, T_odom_base: se3.Matrix) -> None:
-        """Odometry alone changes nothing: the estimate is predicted with the scans."""
+        """Predict with the newest pose (4, 4) of the odometry, until the robot is found.
+
+        On its own map the estimate is predicted with the scans.
+        """
+        if self._finder is not None:
+            self._finder.move(T_odom_base)
 
     def integrate(self, beams: Beams, T_odom_base: se3.Matrix, stamp_ns: int) -> Attempt | None:
         """Integrate the beams of a scan, in odom, with the pose (4, 4) of the robot.
@@ -95,6 +169,8 @@ class OwnMapLocalization:
         Attempt or None
             None if the robot has not moved on by ``localization.interval``.
         """
+        if self._finder is not None:
+            return self._find(self._finder, beams, T_odom_base, stamp_ns)
         own = self._own
         loops = own.loops_closed
         own.integrate(beams, T_odom_base, stamp_ns)
@@ -104,10 +180,26 @@ class OwnMapLocalization:
             return None
         self._attempt_distance = own.distance
         deviation = own.estimate.deviation
-        self.health.update(own.last, deviation[0])
-        if self.health.state is State.LOST:
-            self.health.begin()  # there is no other map in which it could be searched
+        self._health.update(own.last, deviation[0])
+        if self._health.state is State.LOST:
+            self._health.begin()  # what contradicts is learned, and held against from then on
         return Attempt(
-            stamp_ns=stamp_ns, kind=Kind.TRACKING, registration=own.last, state=self.health.state,
+            stamp_ns=stamp_ns, kind=Kind.TRACKING, registration=own.last, state=self.state,
             T_map_base=own.T_map_base, deviation=deviation, points=_NO_POINTS,
         )  # fmt: skip
+
+    def _find(
+        self, finder: Tracker, beams: Beams, T_odom_base: se3.Matrix, stamp_ns: int
+    ) -> Attempt | None:
+        """Find the robot on the saved map, and go on from there."""
+        attempt = finder.integrate(beams, T_odom_base, stamp_ns)
+        if finder.health.state is State.TRACKING:
+            found = finder.estimate
+            self._finder = None
+            self.jumps += 1
+            self._use_map(OwnMapTracker(
+                self._params, found.T_map_odom, found.covariance, saved=self._saved,
+                search_slice=self._search_slice, is_recording=False,
+            ))  # fmt: skip
+            self._health.begin(is_confirmed=True)
+        return None if attempt is None else replace(attempt, state=self.state)

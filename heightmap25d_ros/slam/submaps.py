@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.grid.height_grid import HeightGrid, anchor_at
-from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, Area, HeightMap
+from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, Area, Geometry, HeightMap
 from heightmap25d_ros.kernels import inlined_kernel, kernel
 from heightmap25d_ros.localization.layers import NAMES, SLAB, LayerMap, LocalizationLayers, average
 from heightmap25d_ros.mapping.mapper import Mapper
@@ -73,6 +73,16 @@ class RigidCells(Protocol):
 
     def cells(self) -> SubmapCells:
         """The cells."""
+
+
+class MappedCells(RigidCells, Protocol):
+    """What scans are held against, see `own_map`."""
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Lowest and highest x, y (2,) [m] of the cells in the map, not less than these."""
+
+    def confirmed(self) -> NDArray[np.int64]:
+        """(N, 2): the places, as of `SubmapCells`, that were seen again, see `sightings`."""
 
 
 class Submap:
@@ -206,6 +216,16 @@ def joined(submaps: Sequence[RigidCells], area: Area, resolution: float, level: 
         corner = area.iy, area.ix
         _add_cells(cells.places, cells.layers, cells.top, placed, corner, resolution, layers, top)
     return Joined(layers, top)
+
+
+def joined_layers(submaps: Sequence[RigidCells], geometry: Geometry) -> LayerMap:
+    """The layers of submaps in cells, from whose first corner their poses are seen."""
+    level, area = geometry.ground_zero, Area(0, 0, *geometry.shape)
+    found = joined(submaps, area, geometry.resolution, level)
+    dense = dict(zip(NAMES, found.layers, strict=True))
+    is_ground = dense["ground_count"] > 0
+    dense["ground_height"] = dense["ground_height"] + np.where(is_ground, np.float32(level), 0)
+    return LayerMap(geometry=geometry, above=(), **dense)
 
 
 @kernel

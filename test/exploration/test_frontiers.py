@@ -4,14 +4,10 @@ import numpy as np
 from explored_worlds import SENSOR, seen
 from hypothesis import given
 from hypothesis import strategies as st
-from planner_worlds import route_planner
 from properties import draws
 from scipy import ndimage
 
 from heightmap25d_ros.exploration import frontiers, sight
-from heightmap25d_ros.params.sections import PlannerParams, TraversabilityParams
-from heightmap25d_ros.planning.plan import Pose2D
-from heightmap25d_ros.planning.start_clearing import clear_start
 
 MAP = """
 #######????
@@ -32,27 +28,26 @@ def parsed(text):
 def test_only_the_unknown_behind_a_door_is_wanted():
     known, occupied = parsed(MAP)
     reachable = known & ~occupied
-    found = frontiers.find(known, occupied, reachable, np.ones_like(known), radius=0, depth=2)
-    assert np.argwhere(found.wanted).tolist() == [[3, 6], [3, 7]]
-    assert np.argwhere(found.border).tolist() == [[3, 6]]
+    wanted = frontiers.wanted(known, occupied, reachable, np.ones_like(known), radius=0, depth=2)
+    assert np.argwhere(wanted).tolist() == [[3, 6], [3, 7]]
 
 
 def test_the_robot_touches_free_cells_beside_those_that_it_can_come_to():
     known, occupied = parsed(MAP)
     reachable = np.zeros_like(known)
     reachable[3, 3] = True
-    near = frontiers.find(known, occupied, reachable, np.ones_like(known), radius=1, depth=1)
-    assert not near.wanted.any()
-    wide = frontiers.find(known, occupied, reachable, np.ones_like(known), radius=2, depth=1)
-    assert np.argwhere(wide.wanted).tolist() == [[3, 6]]
+    near = frontiers.wanted(known, occupied, reachable, np.ones_like(known), radius=1, depth=1)
+    assert not near.any()
+    wide = frontiers.wanted(known, occupied, reachable, np.ones_like(known), radius=2, depth=1)
+    assert np.argwhere(wide).tolist() == [[3, 6]]
 
 
 def test_what_is_not_allowed_is_not_wanted_and_not_passed():
     known, occupied = parsed(MAP)
     allowed = np.ones_like(known)
     allowed[3, 6] = False
-    found = frontiers.find(known, occupied, known & ~occupied, allowed, radius=0, depth=5)
-    assert not found.wanted.any()
+    wanted = frontiers.wanted(known, occupied, known & ~occupied, allowed, radius=0, depth=5)
+    assert not wanted.any()
 
 
 @draws(40)
@@ -91,32 +86,5 @@ def test_sight_is_that_along_each_cells_own_line(seed):
     hardly = ndimage.binary_dilation(truth, around) & ~known
     assert (predicted & ~hardly).sum() <= 0.02 * predicted.sum()
     assert (surely & ~predicted).sum() <= 0.02 * surely.sum()
-    assert sight.gains(scenery, np.array([cell, cell])).tolist() == [predicted.sum()] * 2
-
-
-def test_costs_are_those_of_the_planner():
-    height = np.zeros((60, 60))
-    height[20:24, :40] = 150
-    planner = route_planner(height)
-    robot = Pose2D(1.0, 1.0, yaw=0.0)
-    cleared = clear_start(
-        planner.graph, robot, TraversabilityParams(), PlannerParams(), is_robot_there=True
-    )
-    costs = frontiers.travel_costs(cleared, (8, 8)) * 0.125
-    for goal in ((1.0, 6.0), (6.0, 1.0), (5.0, 6.5)):
-        cell = tuple(planner.graph.geometry.cell_at(goal))
-        plan = planner.plan(robot, Pose2D(*goal), is_robot_there=True)
-        assert abs(costs[cell] - plan.cost) < 1e-6 + 0.01 * plan.cost
-    assert np.isinf(costs[22, 10])
-
-
-def test_costs_of_a_robot_beside_a_wall():
-    height = np.zeros((60, 60))
-    height[:, :4] = 150
-    planner = route_planner(height)
-    robot = Pose2D(0.9, 3.0, yaw=1.57)  # its disc touches the wall, its rectangle does not
-    cleared = clear_start(
-        planner.graph, robot, TraversabilityParams(), PlannerParams(), is_robot_there=True
-    )
-    costs = frontiers.travel_costs(cleared, (24, 7)) * 0.125
-    assert 3.0 < costs[24, 40] < 6.0
+    outlook = sight.Outlook(scenery)
+    assert outlook.gain(cell) == outlook.gain(cell) == predicted.sum()

@@ -56,7 +56,7 @@ class LiteralLevels(LiteralMap):
             if careful and not self.is_central(index, origin, end):
                 continue
             if not careful or index not in judged:
-                self.pass_cell(index, height + margin, entry, t * length)
+                self.pass_cell(index, height + margin, entry, t * length, 100 * origin[2])
             judged.add(index)
         if is_hit:
             self.read(last, math.floor(100 * end[2] + 0.5), length)
@@ -91,7 +91,7 @@ class LiteralLevels(LiteralMap):
             if self.is_over_bottom(deck, entry)
         )
 
-    def pass_cell(self, index, beam_height, entry, distance) -> None:
+    def pass_cell(self, index, beam_height, entry, distance, sensor) -> None:
         lowest, decks = self.cells[index], self.above(index)
         for deck in [deck for deck in decks if self.is_over_bottom(deck, entry)]:
             self.weaken(deck, beam_height, distance, deck.height >= beam_height)
@@ -101,9 +101,15 @@ class LiteralLevels(LiteralMap):
         is_known = self.is_known(lowest.probability)
         self.weaken(lowest, beam_height, distance, is_known and lowest.height >= beam_height)
         is_lost = is_known and not self.is_known(lowest.probability)
-        if is_lost and lowest.height - beam_height >= self.clear and self.has_room(index):
+        is_overhead = self.is_overhead(lowest.height, beam_height, sensor)
+        if is_lost and is_overhead and self.has_room(index):
             decks.append(before)
             self.cells[index] = Cell(lowest.height, 0.0)
+
+    def is_overhead(self, height, beam_height, sensor) -> bool:
+        if height - beam_height >= self.clear:
+            return True
+        return height - beam_height >= 2 * self.tolerance and height - sensor >= self.clear
 
     def weaken(self, surface, beam_height, distance, is_contradicted) -> None:
         given_object = self.likelihood(self.sensor.miss_given_object, distance)

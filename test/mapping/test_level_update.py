@@ -172,6 +172,18 @@ def test_the_order_of_decks_makes_no_difference():
     assert surfaces(over_last) == [(None, 1), (240, 241)]
 
 
+@pytest.mark.parametrize(("below", "is_kept"), [(0.32, True), (0.22, False)])
+def test_a_beam_that_rises_to_the_underside_of_a_deck_leaves_the_deck(below, is_kept):
+    """From less than the clear height below it would speak against what stands there."""
+    m = mapper()
+    see(m, 2.4, 2.4)
+    middle = 2.4 - below
+    for _ in range(8):  # from 0.4 m, through the middle of the cell
+        ends = [(PLACE[0] + 3.0, PLACE[1], 2 * middle - 0.4)]
+        m.integrate(beams((PLACE[0] - 3.0, PLACE[1], 0.4), ends, is_hit=False))
+    assert surfaces(m) == ([(240, 240)] if is_kept else [])
+
+
 def test_a_beam_below_a_deck_leaves_it_alone_and_one_through_it_does_not():
     m = mapper()
     see(m, 0.0, 0.0, 2.1, 2.1, *[2.1 + 0.05 * i for i in range(7)])
@@ -210,6 +222,18 @@ def test_what_stands_on_a_deck_raises_it_and_decays():
     see(m, 0.0, 0.0, 2.4, 2.4, 2.8, 2.8)
     assert surfaces(m) == [(None, 0), (240, 280)]
     pass_at(m, 2.7, times=20)
+    assert surfaces(m) == [(None, 0)]
+
+
+@pytest.mark.parametrize(("z", "neighbours", "count"), [(2.45, 2, 1), (2.45, 1, 0), (2.55, 2, 0)])
+def test_one_reading_that_continues_a_deck_is_of_the_deck(z, neighbours, count):
+    m = mapper()
+    for number in range(neighbours):
+        see(m, 0.0, 0.0, 2.4, 2.4, place=(PLACE[0], PLACE[1] + 0.125 * (2 * number - 1)))
+    see(m, 0.0, 0.0, z)
+    deck = round(100 * z)
+    assert surfaces(m) == [(None, 0), *[(deck, deck)] * count]
+    pass_at(m, z - 0.1, times=20)  # what is not there does not wait for ever
     assert surfaces(m) == [(None, 0)]
 
 

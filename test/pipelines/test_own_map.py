@@ -8,14 +8,22 @@ import copy
 
 import numpy as np
 import pytest
-from localization_bags import PARAMS, drive, events_of
+from bag_writer import odometry
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from localization_bags import PARAMS, drive, events_of, truth_of
+from nav_msgs.msg import Path
 from repository import BAGS
 
-from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.grid.height_map import HeightMap
+from heightmap25d_msgs.msg import LocalizationStatus
+from heightmap25d_ros import se3
+from heightmap25d_ros.io import decode, encode, map_directory
+from heightmap25d_ros.localization.landmarks import landmarks_of
 from heightmap25d_ros.localization.tracking_state import State
 from heightmap25d_ros.params.by_name import with_values
 from heightmap25d_ros.pipelines.localization import Localizer
+from heightmap25d_ros.pipelines.mapping import Mapping
+from heightmap25d_ros.pipelines.replay import feed
+from heightmap25d_ros.pose_interpolation import interpolate
 
 OWN = with_values(PARAMS, {"localization.own_map": True})
 
@@ -55,9 +63,132 @@ def test_odometry_that_jumps_does_not_move_the_robot(start, driven):
     assert jumped.states[-1] is State.TRACKING
 
 
-def test_no_long_term_map_besides_the_own_one():
-    with pytest.raises(InputError, match="own_map"):
-        with_values(OWN, {"localization.map_directory": "somewhere"})
-    with pytest.raises(InputError, match="own_map"):
-        Localizer(OWN).set_long_term(HeightMap.from_metres(np.zeros((8, 8))))
+def test_without_a_saved_map_there_is_nothing_to_search():
     assert not Localizer(OWN).request_search()
+
+
+SHELF = (4.7, -0.4)  # free floor, which the robot passes
+
+
+def saved_map(start):
+    """The map of these seconds with true poses, and a shelf on it that is there no more."""
+    mapping = Mapping(PARAMS)
+    for event in start:
+        topic = {"/ground_truth": "/odom", "/odom": ""}.get(event.topic, event.topic)
+        if topic:
+            feed(mapping, topic, event.message)
+    height_map = mapping.maps()[0]
+    layers = mapping.layers(height_map.geometry)
+    shelf = around(height_map.geometry, SHELF)
+    assert (height_map.height[shelf] < 5).all()
+    height_map.height[shelf] = 50
+    return height_map, layers
+
+
+def around(geometry, place):
+    iy, ix = geometry.cell_at(place)
+    return slice(iy - 1, iy + 2), slice(ix - 1, ix + 2)
+
+
+@pytest.mark.slow
+def test_a_robot_goes_on_from_a_saved_map_and_updates_what_has_changed(start, tmp_path):
+    """From its middle, with a frame of the odometry that has nothing to do with the map's."""
+    saved, layers = saved_map(start)
+    map_directory.save(tmp_path, saved, layers=layers)
+    localizer, mapping = Localizer(OWN, 0.01), Mapping(PARAMS)
+    localizer.set_long_term(saved, layers)
+    mapping.load(tmp_path)
+    stamps, truth = truth_of(start)
+    errors = []
+    for event in start:
+        if event.stamp_ns < start[0].stamp_ns + 3e9 and event.topic != "/tf_static":
+            continue
+        if event.topic == "/ground_truth":
+            continue
+        message = elsewhere(event.message) if event.topic == "/odom" else event.message
+        feed(localizer, event.topic, message)
+        pose = localizer.pose
+        if pose is not None:
+            told = PoseWithCovarianceStamped()
+            encode.fill_pose(told, pose.T_map_odom, pose.covariance, pose.stamp_ns, "map")
+            mapping.take_correction(told)
+            status = LocalizationStatus(state=int(localizer.state))
+            encode.fill_header(status.header, pose.stamp_ns, "map")
+            mapping.take_localization_status(status)
+            if localizer.state is not State.LOST:
+                true = interpolate(stamps, truth, [min(pose.stamp_ns, stamps[-1])])[0]
+                errors.append(np.linalg.norm((true - pose.T_map_base)[:2, 3]))
+        feed(mapping, event.topic, message)
+    assert len(errors) > 200
+    assert max(errors) < 0.06
+    assert mapping.dropped["scan: localization is lost"] > 20  # until it was found
+    now = mapping.maps()[0]
+    assert now.geometry.origin == saved.geometry.origin
+    apart = np.abs(now.metres - saved.metres)
+    assert np.nanmedian(apart) == 0.0
+    assert np.nanmean(apart > 0.1) < 0.01
+    np.testing.assert_allclose(now.metres[around(now.geometry, SHELF)], 0.0, atol=0.05)
+    assert localizer.request_search()  # at any time; until it is found anew nothing is mapped
+    assert localizer.state is State.LOST
+
+
+def elsewhere(message):
+    """The same odometry, seen from another frame."""
+    T = se3.from_xyz_rpy([3.0, -2.0, 0.0, 0.0, 0.0, 1.0]) @ decode.odometry(message).T
+    stamp = decode.stamp_ns(message.header)
+    return odometry(stamp, T[:3, 3].tolist(), se3.to_quaternion(T[None])[0].tolist())
+
+
+@pytest.mark.slow
+def test_when_a_loop_is_closed_the_map_follows_its_submaps(start):
+    """Poses that drift, by another shift and turn in each submap, and are mended at the end."""
+    true, mended = Mapping(PARAMS), Mapping(PARAMS)
+    begun = start[0].stamp_ns
+    drifts, poses = [], []
+    for event in start:
+        topic = {"/ground_truth": "/odom", "/odom": ""}.get(event.topic, event.topic)
+        if not topic:
+            continue
+        if topic == "/odom" and event.stamp_ns >= begun + 2e9 * len(poses):
+            number = len(poses)
+            T = decode.odometry(event.message).T
+            drifts.append(se3.from_xyz_rpy([0.2 * number, 0.0, 0.0, 0.0, 0.0, 0.05 * number]))
+            poses.append(T)
+            told = np.array(drifts) @ np.array(poses)
+            assert not mended.take_submaps(path_of(told, begun))
+            correction = PoseWithCovarianceStamped()
+            encode.fill_pose(correction, drifts[-1], np.eye(3), event.stamp_ns, "map")
+            mended.take_correction(correction)
+        for mapping in (true, mended):
+            feed(mapping, topic, event.message)
+    expected = true.maps()[0]
+    before, _ = differing(mended.maps()[0], expected)
+    assert mended.take_submaps(path_of(poses, begun))
+    after, known = differing(mended.maps()[0], expected)
+    assert after < 0.03 < 0.1 < before
+    assert known > 0.9
+    assert not mended.take_submaps(path_of(poses, begun))
+    layers, again = (m.layers(m.maps()[0].geometry) for m in (true, mended))
+    walls = landmarks_of(true.maps()[0], layers).walls.shape[0]
+    assert landmarks_of(mended.maps()[0], again).walls.shape[0] == pytest.approx(walls, rel=0.15)
+    assert not mended.take_submaps(path_of(poses, begun + 1))  # another map: this one stays
+    assert not mended.take_submaps(path_of(np.array(poses) @ drifts[1], begun, "elsewhere"))
+    assert [name for name in mended.dropped if name.startswith("submaps")]
+
+
+def path_of(poses, begun, frame="map"):
+    message = Path()
+    encode.fill_path(message, PoseStamped, np.array(poses), begun, frame)
+    return message
+
+
+def differing(one, other):
+    """Shares of the cells that both know with heights > 10 cm apart, and of those of the other."""
+    dy, dx = np.rint(
+        (np.array(other.geometry.origin) - one.geometry.origin)[::-1] / one.geometry.resolution
+    ).astype(int)
+    cells = np.argwhere(other.known)
+    inside = one.geometry.contains(cells + (dy, dx))
+    here, there = cells[inside] + (dy, dx), cells[inside]
+    apart = np.abs(one.metres[tuple(here.T)] - other.metres[tuple(there.T)])
+    return np.nanmean(apart > 0.1), np.isfinite(apart).mean()

@@ -18,7 +18,7 @@ from rosbags.interfaces import QosDurability, QosReliability
 from heightmap25d_ros.cli import main
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.simulation import recording
-from heightmap25d_ros.simulation.recording import BUILDERS
+from heightmap25d_ros.simulation.recording import BUILDERS, world_of
 from heightmap25d_ros.simulation.worlds import World, distance_to_way, floor, walls
 
 COMMITTED = ("arch", "garage", "moving", "ramp", "room", "rough", "street")
@@ -153,6 +153,24 @@ def test_largest_seed_works(tmp_path: Path) -> None:
     assert main(["simulate", "plain_ramp", "-o", str(bag), *options]) == 0
     with np.load(bag / "truth" / "surface.npz") as surface:
         assert int(surface["seed"]) == seed
+
+
+def test_the_way_through_the_garage_keeps_clear_of_what_stands_there() -> None:
+    """The lower deck; half of the robot's width is 0.32 m."""
+    for seed in range(1, 41):
+        world = world_of("garage", seed)
+        back = np.flatnonzero(np.diff((world.way[:, 1] > 1.6).astype(int)) < 0)[0]
+        for solid in world.solids:
+            (x, y, _), (half_x, half_y, _) = solid.center, solid.size
+            if solid.is_overhead or max(half_x, half_y) > 0.5:
+                continue
+            side = np.linspace(-1.0, 1.0, 9)
+            (across_x, across_y), turn = np.meshgrid(half_x * side, half_y * side), solid.yaw
+            outline = (
+                x + across_x * np.cos(turn) - across_y * np.sin(turn),
+                y + across_x * np.sin(turn) + across_y * np.cos(turn),
+            )
+            assert distance_to_way(world.way[: back + 2], *outline).min() > 0.4, (seed, x, y)
 
 
 def test_drive_that_is_blocked_is_told(

@@ -1,0 +1,79 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Looks in vain: how often each cell was looked for and not seen."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heightmap25d_ros.exploration import sight
+from heightmap25d_ros.exploration.survey import LEVEL, Survey
+from heightmap25d_ros.grid.height_map import Geometry
+
+NEAR_LOOK = 3.0
+"""A look from within this distance counts twice [m]."""
+
+
+class Looks:
+    """Looks in vain, for the cells of a map that grows."""
+
+    def __init__(self) -> None:
+        self._count = np.zeros((0, 0), np.int16)
+        self._height = np.zeros((0, 0), np.float32)  # [m] of the cells then
+        self._geometry: Geometry | None = None
+
+    def forget(self) -> None:
+        """The map was begun anew."""
+        self._geometry = None
+
+    def note(self, survey: Survey) -> None:
+        """The robot has turned around where it is: what should have been seen was looked for."""
+        cell = survey.cell_of(survey.robot)
+        if not survey.geometry.contains(cell):
+            return
+        for one in survey.around(survey.robot):
+            height = one.scenery.height
+            before = self.of(survey.geometry, height if survey.others else None)
+            missed = np.argwhere(sight.seen_from(one.scenery, cell))
+            at = tuple(missed.T)
+            away = np.hypot(*(missed - cell).T) * survey.geometry.resolution
+            self._count[at] = before[at] + np.where(away < NEAR_LOOK, 2, 1).astype(np.int16)
+            self._height[at] = height[at]
+
+    def of(
+        self, geometry: Geometry, height: NDArray[np.float32] | None = None
+    ) -> NDArray[np.int16]:
+        """(rows, columns): how often each cell was looked for in vain.
+
+        Parameters
+        ----------
+        geometry : Geometry
+            Of the cells.
+        height : (rows, columns) float32 [m], optional
+            Looks at other heights than these do not count.
+        """
+        if self._geometry != geometry:
+            self._count, self._height = (
+                _moved(kept, self._geometry, geometry) for kept in (self._count, self._height)
+            )
+            self._geometry = replace(geometry)
+        if height is None:
+            return self._count
+        return np.where(np.abs(self._height - height) < LEVEL, self._count, np.int16(0))
+
+
+def _moved(kept: NDArray[Any], before: Geometry | None, geometry: Geometry) -> NDArray[Any]:
+    """An array of the cells of one geometry for those of another one; zeros elsewhere."""
+    result = np.zeros(geometry.shape, kept.dtype)
+    if before is not None and before.resolution == geometry.resolution:
+        corner = np.array(before.origin) + 0.5 * before.resolution
+        iy, ix = (int(n) for n in geometry.cell_at(corner))
+        rows, columns = before.shape
+        y = slice(max(iy, 0), max(min(iy + rows, geometry.shape[0]), 0))
+        x = slice(max(ix, 0), max(min(ix + columns, geometry.shape[1]), 0))
+        result[y, x] = kept[y.start - iy : y.stop - iy, x.start - ix : x.stop - ix]
+    return result

@@ -1,0 +1,202 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The submaps of a drive, and what is known of where they are to one another.
+
+Scans are held against those that are *active*: near along the drive and its loops, so that all of
+them agree. Where the drive goes on from a saved map, this is the first submap, and it stays: as
+long as scans are held against it, each submap that begins on it is joined with it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from heightmap25d_ros import se3
+from heightmap25d_ros.arrays import Array
+from heightmap25d_ros.params.sections import Params
+from heightmap25d_ros.slam.drift import turned
+from heightmap25d_ros.slam.loop_closure import Found
+from heightmap25d_ros.slam.pose_graph import Edge, PoseGraph, between
+from heightmap25d_ros.slam.saved_map import SavedMap
+from heightmap25d_ros.slam.submaps import MappedCells, Submap
+
+_LEAST_EDGE = np.diag(np.square([0.01, 0.01, 0.002, 0.01]))  # covariance of a submap's length
+_Z_ON_MAP = 0.05  # [m] standard deviation of z on a saved map
+_SIGMAS, _LEAST_RADIUS = 3.0, 1.0  # of a search for the robot; [m]
+_LEAST_TURN = 0.2  # [rad] likewise
+
+
+class Candidate(NamedTuple):
+    """Older submaps in which the robot may be.
+
+    Attributes
+    ----------
+    number : int
+        The nearest one.
+    radius, turn : float [m], [rad]
+        How far the robot may be from where it is expected in it.
+    cells : list of MappedCells
+        It, and those that agree with it.
+    """
+
+    number: int
+    radius: float
+    turn: float
+    cells: list[MappedCells]
+
+
+class SubmapGraph:
+    """The submaps of a drive.
+
+    Parameters
+    ----------
+    params : Params
+    saved : SavedMap, optional
+        From which the drive goes on.
+
+    Attributes
+    ----------
+    submaps : list of Submap
+        The last one is growing. The first one stands for the saved map, if there is one.
+    graph : PoseGraph
+        Of the beginnings of the submaps.
+    active : list of MappedCells
+    covariance : (3, 3) float64
+        Of x, y [m], yaw [rad] of the beginning of the newest one, seen from that of the first.
+    """
+
+    def __init__(self, params: Params, saved: SavedMap | None = None) -> None:
+        self.submaps: list[Submap] = []
+        self.graph = PoseGraph()
+        self.active: list[MappedCells] = []
+        self.covariance = np.zeros((3, 3))
+        self._params, self._saved = params, saved
+        self._active: frozenset[int] = frozenset()
+        self._lengths: list[float] = []  # [m] of all submaps but the newest
+
+    def begin(self, T_map_base: se3.Matrix, covariance: Array) -> None:
+        """The first submap begins at a pose (4, 4); covariance (3, 3) of it on the saved map."""
+        if self._saved is not None:
+            self._add(T_map_base)
+            self.submaps[0].finish()
+        self._add(T_map_base)
+        if self._saved is not None:
+            self._join_saved(covariance)
+        self._choose()
+
+    def follow(self, T_map_base: se3.Matrix, covariance: Array, travelled: float) -> None:
+        """The next submap begins at a pose (4, 4), a distance [m] after the newest one.
+
+        Covariance (4, 4) of x, y, yaw, z, seen from that beginning, along the axes of the map.
+        """
+        before = self.submaps[-1].pose
+        self.submaps[-1].finish()
+        self._add(T_map_base)
+        self._lengths.append(travelled)
+        number = len(self.submaps) - 1
+        of_edge = turned(covariance + _LEAST_EDGE, -before[2])
+        self.graph.join(Edge(
+            number - 1, number, between(before, self.submaps[-1].pose),
+            np.asarray(np.linalg.inv(of_edge)), distance=travelled,
+        ))  # fmt: skip
+        self._choose()
+
+    def anchor(self, covariance: Array) -> None:
+        """The newest submap begins where scans agree with the saved map, if it is there.
+
+        Covariance (3, 3) of x, y, yaw of the robot to the active submaps.
+        """
+        place = self.submaps[-1].pose[:2]
+        if self._saved is not None and 0 in self._active and self._saved.covers(place):
+            self._join_saved(covariance)
+            self._choose()
+
+    def _join_saved(self, covariance: Array) -> None:
+        start = self.submaps[0].pose
+        whole = np.diag([0.0, 0.0, 0.0, _Z_ON_MAP**2])
+        whole[:3, :3] = covariance
+        of_edge = turned(whole + _LEAST_EDGE, -start[2])
+        self.graph.join(Edge(
+            0, len(self.submaps) - 1, between(start, self.submaps[-1].pose),
+            np.asarray(np.linalg.inv(of_edge)),
+        ))  # fmt: skip
+
+    def _add(self, T_map_base: se3.Matrix) -> None:
+        submap = Submap(T_map_base, self._params)
+        self.submaps.append(submap)
+        self.graph.add(submap.pose)
+
+    def _choose(self) -> None:
+        newest = len(self.submaps) - 1
+        self._active = frozenset(self._reached(newest, self._params.slam.active_distance))
+        self.active = self._cells(sorted(self._active))
+        self.covariance = self.graph.covariance(0, newest)[:3, :3]
+
+    def _reached(self, number: int, distance: float) -> list[int]:
+        """The submaps within a distance [m] along the drive and its loops."""
+        return np.flatnonzero(np.isfinite(self.graph.distances(number, distance))).tolist()
+
+    def _cells(self, numbers: list[int]) -> list[MappedCells]:
+        cells: list[MappedCells] = []
+        for number in numbers:
+            is_saved = number == 0 and self._saved is not None
+            cells += self._saved.parts if is_saved and self._saved else [self.submaps[number]]
+        return cells
+
+    def recent(self, distance: float) -> list[MappedCells]:
+        """The newest submaps, as far as the drive between them is no longer than a distance [m]."""
+        back = np.cumsum([0.0, *reversed(self._lengths)])
+        return list(self.submaps[-int(np.count_nonzero(back <= distance)) :])
+
+    def candidate(self, position: Array) -> Candidate | None:
+        """The nearest of the submaps that are not active, in which the robot may be."""
+        slam, newest = self._params.slam, len(self.submaps) - 1
+        near = [
+            (away, number) for number in range(len(self.submaps))
+            if number not in self._active
+            and (away := self._away(number, position[:2])) < slam.max_drift + slam.submap_length
+        ]  # fmt: skip
+        for away, number in sorted(near):
+            covariance = self.graph.covariance(number, newest)
+            deviation = float(np.sqrt(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
+            radius = _SIGMAS * deviation + _LEAST_RADIUS
+            if away <= radius + slam.submap_length:
+                turn = _SIGMAS * float(np.sqrt(covariance[2, 2])) + _LEAST_TURN
+                older = set(self._reached(number, slam.active_distance)) - self._active
+                return Candidate(
+                    number, min(radius, slam.max_drift), min(turn, np.pi),
+                    self._cells(sorted(older)),
+                )  # fmt: skip
+        return None
+
+    def _away(self, number: int, xy: Array) -> float:
+        """How far [m] a place (2,) is from where a submap was begun, or from the saved map."""
+        if number == 0 and self._saved is not None:
+            return self._saved.away(xy)
+        submap = self.submaps[number]
+        low, high = submap.bounds()
+        if np.linalg.norm(np.clip(xy, low, high) - xy) >= self._params.slam.max_drift:
+            return np.inf
+        return float(np.linalg.norm(submap.pose[:2] - xy))
+
+    def loop(self, first: int, second: int, T_map_base: se3.Matrix, found: Found) -> Edge:
+        """What a search has measured: the robot was at a pose (4, 4) where the second begins."""
+        x, y, z, _, _, yaw = se3.to_xyz_rpy(found.drift @ T_map_base)
+        old = self.submaps[first].pose
+        measured = between(old, np.array([x, y, yaw, z]))
+        information = np.asarray(np.linalg.inv(turned(found.covariance, -old[2])))
+        return Edge(first, second, measured, information, is_loop=True)
+
+    def close(self, loops: list[Edge]) -> se3.Matrix:
+        """Join submaps, and move all of them to where they agree; what moved the newest (4, 4)."""
+        newest = self.submaps[-1]
+        before = newest.T_map_submap @ newest.start
+        for loop in loops:
+            self.graph.join(loop)
+        self.graph.optimise()
+        for submap, pose in zip(self.submaps, self.graph.poses, strict=True):
+            submap.move_to(pose)
+        self._choose()
+        return np.asarray(newest.T_map_submap @ newest.start @ se3.inverse(before))
