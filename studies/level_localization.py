@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 from level_drives import WORLDS, print_table
-from measure_localization import SCANS, localized, material, normalised
+from localization_drives import SCANS, localized, material
+from measure_localization import normalised
 
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.localization import Localizer
