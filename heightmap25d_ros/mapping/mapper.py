@@ -313,14 +313,18 @@ def _clear(  # noqa: PLR0913
     for _ in range(1 + abs(last_tx - tx) + abs(last_ty - ty)):
         stop = min(exit_x, exit_y, last)
         tile = np.uint64(index)
-        # A beam above the highest cell of a tile cannot touch any of its cells.
+        # A beam above the highest cell of a tile cannot touch any of its cells. One below all that
+        # is above the lowest surfaces, or above it, cannot touch that.
         meets = int((biased_z - tile_top[tile]) * ticks_per_cm)
         begin = max(first, exit_x - across_x, exit_y - across_y)
-        is_among = spans[2 * tile + 1] != 0 and _meets_span(
-            tile, biased_z - begin * (fall / _TICKS), biased_z - stop * (fall / _TICKS), spans, rule
-        )
-        if (meets < stop or is_among) and _clear_tile(
-            tile, begin if is_among else max(begin, meets), stop, x, y,
+        is_among = False
+        if spans[2 * tile + 1] != 0:
+            meets_upper = int((biased_z - spans[2 * tile + 1]) * ticks_per_cm)
+            start_z = biased_z - begin * (fall / _TICKS)
+            is_among = meets_upper < stop and start_z >= spans[2 * tile] - rule.tolerance
+            meets = min(meets, meets_upper) if is_among else meets
+        if meets < stop and _clear_tile(
+            tile, max(begin, meets), stop, x, y,
             z, fall / _TICKS, distance, metres, lacking, length - _END, origin[2],
             heights, probabilities, candidate_heights, candidates,
             layers, is_among, judged, model, rule,
@@ -339,13 +343,6 @@ def _clear(  # noqa: PLR0913
         else:
             index += y.step * columns
             exit_y += across_y
-
-
-@inlined_kernel
-def _meets_span(tile, start, stop, spans, rule):
-    """Whether a beam that falls between two heights is among a tile's upper surfaces [cm]."""
-    lowest = np.int64(spans[2 * tile]) - rule.tolerance
-    return stop <= spans[2 * tile + 1] and start >= lowest
 
 
 @inlined_kernel
