@@ -36,6 +36,7 @@ _HEIGHT_REACH = 0.3  # [m] from a return to the ground
 _ABOVE_TOP = 0.12  # [m] that a return may be above the top of its wall
 _FIRST_TOLERANCE, _TOLERANCE = 4.0, 3.0  # [standard deviations] of the robust weights
 _UNSURE = 0.12  # [m] that the prior may be off across a wall for its returns to count
+_SLOPE_UNSURE = 0.25  # [m] the same along the gradient of the ground
 _REGULAR = 1e-3  # added to the information, so that it has an inverse
 _NO_GROUND = 1e5  # [m] lowest ground that stands for none
 _NOTHING = -1
@@ -227,7 +228,7 @@ def _add_return(  # noqa: PLR0913
         row[3], row[4], row[5] = -1.0, -y, x
         noise = planes[k, 4]
         unknown = _across(row[0], row[1], covariance)
-        if unknown > (row[0] ** 2 + row[1] ** 2) * _UNSURE**2:
+        if unknown > (row[0] ** 2 + row[1] ** 2) * _SLOPE_UNSURE**2:
             # Which slope this is cannot be told: the return tells z and tilt alone.
             variance += unknown
             row[0] = row[1] = row[2] = noise = 0.0
