@@ -10,7 +10,7 @@ three cells; between them the refinement finds it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass, fields
 from typing import NamedTuple
 
@@ -40,6 +40,7 @@ _BEGIN = 0.2  # of the worst score, with which the search begins
 _FIRST = 3  # leaves that are refined to see how good the best place is
 _PIECE = 20_000  # bounds between two looks at the clock
 _LEAVES = 32_768  # of a search at most
+_SCORED = 2048  # of these between two looks at the clock
 _MINIMA = 32  # that are refined
 _APART = 3, 2  # [cells, steps of yaw] between two of these
 _COARSE, _FINE = (1.0, 1 / 2, 1 / 4), (1.0, 1 / 2, 1 / 4, 1 / 8)  # [cells] of the refinement
@@ -198,7 +199,7 @@ class GlobalSearch(SlicedSearch[SearchResult]):
             yield _of(rejected(Reason.UNFINISHED, count), nodes=self._nodes)
             return
         candidates = []
-        for start in self._minima(self._descent.leaves):
+        for start in (yield from self._minima(self._descent.leaves)):
             candidates.append(self._refined(start, self._few, _COARSE))
             yield None
         yield self._judged(candidates)
@@ -222,8 +223,7 @@ class GlobalSearch(SlicedSearch[SearchResult]):
         while True:
             self._descent = Descent(self._seen, roots, self._ground, self._within(), _LEAVES)
             yield from self._divide(limit)
-            best = self._best_of(self._descent.leaves)
-            yield None
+            best = yield from self._best_of(self._descent.leaves)
             needed = self._worst if best is None else self._limit(best)
             if needed <= limit or not self._descent.is_done:
                 break
@@ -237,7 +237,7 @@ class GlobalSearch(SlicedSearch[SearchResult]):
             self._nodes = before + descent.nodes
             yield None
             if descent.is_full:
-                best = self._best_of(descent.leaves)
+                best = yield from self._best_of(descent.leaves)
                 limit = limit if best is None else min(limit, self._limit(best))
                 descent.keep(limit)
                 yield None
@@ -276,11 +276,11 @@ class GlobalSearch(SlicedSearch[SearchResult]):
             yaw * same, (LEVELS - 1) * same, rows.ravel(), columns.ravel()
         ]).astype(np.int32)  # fmt: skip
 
-    def _best_of(self, leaves: NDArray[np.int32]) -> Candidate | None:
+    def _best_of(self, leaves: NDArray[np.int32]) -> Generator[None, None, Candidate | None]:
         """The best pose that the most promising leaves lead to; None without leaves."""
-        found = [
-            self._refined(start, self._few, _COARSE) for start in self._minima(leaves)[:_FIRST]
-        ]
+        minima = yield from self._minima(leaves)
+        found = [self._refined(start, self._few, _COARSE) for start in minima[:_FIRST]]
+        yield None
         return min(found, key=self._cautious, default=None)
 
     def _cautious(self, candidate: Candidate) -> float:
@@ -289,10 +289,16 @@ class GlobalSearch(SlicedSearch[SearchResult]):
     def _limit(self, candidate: Candidate) -> float:
         return as_good_score(candidate, self._params)
 
-    def _minima(self, leaves: NDArray[np.int32]) -> Array:
+    def _minima(self, leaves: NDArray[np.int32]) -> Generator[None, None, Array]:
         """The best hypotheses (B, 4) in leaves (K, 4) that are not adjacent to one another."""
         hypotheses = self._hypotheses(leaves)
-        scores = matching.scores_at(self._few, hypotheses, self._surface, self._cost)
+        scores = np.empty(len(leaves))
+        for begin in range(0, len(leaves), _SCORED):
+            part = slice(begin, begin + _SCORED)
+            scores[part] = matching.scores_at(
+                self._few, hypotheses[part], self._surface, self._cost
+            )
+            yield None
         found: list[Array] = []
         waiting = np.argsort(scores, kind="stable")
         while len(waiting) and len(found) < _MINIMA:
@@ -303,6 +309,7 @@ class GlobalSearch(SlicedSearch[SearchResult]):
             turn = np.rint(np.abs(np.angle(np.exp(1j * turned))) / self._yaw_step)
             is_apart = (apart[:, 2:].max(axis=1) > _APART[0]) | (turn > _APART[1])
             waiting = waiting[is_apart]
+            yield None
         return np.array(found)
 
     def _hypotheses(self, leaves: NDArray[np.int32]) -> Array:
