@@ -2,17 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """A simulated robot finds its way over a ramp and back on drifting odometry: a loop over DDS.
 
-Usage: python studies/closed_loop.py [-o DIRECTORY] [--rate R] [--json]
+Usage: python studies/closed_loop.py [-o DIRECTORY] [--seed N] [--rate R] [--no-animation] [--json]
 
-First bags/ramp_1 is mapped with its true poses: the long-term map. Then `simulator`, `mapping`,
-`localization`, `planning` and `path_follower` run as processes of their own, with
-config/atrvjr.yaml. The robot knows where it starts and from there on what its wheels, its
+First a drive (of seed 1: bags/ramp_1) is mapped with its true poses: the long-term map. Then
+`simulator`, `mapping`, `localization`, `planning` and `path_follower` run as processes of their
+own, with config/atrvjr.yaml. The robot knows where it starts and from there on what its wheels, its
 inclinometer and its lasers tell. It is sent down into the yard and, when it has arrived, back up to
 the landing; all the while it goes on mapping, and plans on that map.
 
 The directory (default: out/closed_loop) gets run.gif, driven.tum (the true poses), known.tum (those
-that the robot took for true), the map at the end and summary.json. The exit status is 0 if the
-robot arrived at both goals.
+that the robot took for true), the map at the end and summary.json. Another seed is another ramp
+and yard, whose drive is simulated first. The exit status is 0 if the robot arrived at both goals.
 """
 
 import argparse
@@ -46,20 +46,20 @@ from heightmap25d_ros.evaluation.truth import read_ground
 from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.io import decode, trajectory
 from heightmap25d_ros.params.sections import PlannerParams, PlanningParams
-from heightmap25d_ros.simulation import messages
+from heightmap25d_ros.pose_interpolation import interpolate
+from heightmap25d_ros.simulation import messages, recording
 
 ROOT = Path(__file__).resolve().parent.parent
 EXECUTABLES = ROOT / "install" / "heightmap25d_ros" / "lib" / "heightmap25d_ros"
 PARAMS = ROOT / "config" / "atrvjr.yaml"
-WORLD, SEED = "ramp", 1
-BAG = ROOT / "bags" / f"{WORLD}_{SEED}"
+WORLD = "ramp"
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-PATIENCE = 60.0  # [s] for a node to start, and for a service to answer
+PATIENCE = 180.0  # [s] for a node to start, and for a service to answer
 LONGEST = 120.0  # [s], simulated: a drive that takes longer is given up
 STANDS = 0.01  # [m/s]
 AGAIN = 1.0  # [s] from one time that a goal is sent to the next
 
-GOALS = ((24.5, -0.6, 0.0), (3.0, 0.0, np.pi))  # [m], [rad], map: in the yard, and on the landing
+LANDING = 3.0, 0.0, np.pi  # [m], [rad], map
 NODES = ("mapping", "localization", "planning", "path_follower", "simulator")
 
 
@@ -67,8 +67,10 @@ NODES = ("mapping", "localization", "planning", "path_follower", "simulator")
 class Run:
     """What was heard; times in seconds since the simulator's start."""
 
+    goals: Sequence[Sequence[float]]
     driven: list[tuple[int, se3.Matrix]] = field(default_factory=list)
     known: list[tuple[int, se3.Matrix]] = field(default_factory=list)  # what the robot thought
+    covariances: list[NDArray[np.float64]] = field(default_factory=list)  # of x and y
     odometry: list[tuple[int, se3.Matrix]] = field(default_factory=list)
     speed: float = 0.0
     plans: list[tuple[float, NDArray[np.float64]]] = field(default_factory=list)
@@ -83,7 +85,7 @@ class Run:
 
     @property
     def has_arrived(self) -> bool:
-        return len(self.arrived_at) == len(GOALS)
+        return len(self.arrived_at) == len(self.goals)
 
     def stands_at(self, place: Sequence[float]) -> bool:
         return (
@@ -104,6 +106,7 @@ class Run:
     def take_pose(self, message: PoseWithCovarianceStamped) -> None:
         pose = decode.pose(message.pose.pose, "pose")
         self.known.append((decode.stamp_ns(message.header), pose))
+        self.covariances.append(np.reshape(message.pose.covariance, (6, 6))[:2, :2])
 
     def take_plan(self, message: PathMessage) -> None:
         places = [(p.pose.position.x, p.pose.position.y) for p in message.poses]
@@ -123,19 +126,22 @@ def main() -> int:
     os.environ.setdefault("ROS_DOMAIN_ID", str(os.getpid() % 100 + 1))
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     options.output.mkdir(parents=True, exist_ok=True)
-    run = Run()
-    drive(run, options.output, options.rate)
+    world = recording.world_of(WORLD, options.seed)
+    run = Run(goals=((*world.way[-1], 0.0), LANDING))  # in the yard, and back
+    bag = recorded(options.output, options.seed)
+    drive(run, options, bag)
     trajectory.write_tum(options.output / "driven.tum", run.driven)
     trajectory.write_tum(options.output / "known.tum", run.known)
-    figures = summary(run)
+    figures = summary(run, bag)
     (options.output / "summary.json").write_text(json.dumps(figures, indent=2) + "\n")
-    closed_loop_picture.animate(options.output / "run.gif", run, GOALS)
+    if options.animation:
+        closed_loop_picture.animate(options.output / "run.gif", run, run.goals)
     if options.json:
         print(json.dumps(figures))
     else:
         width = max(map(len, figures))
         print("\n".join(f"{name:{width}}  {value}" for name, value in figures.items()))
-        print(f"\nsee {options.output}/run.gif")
+        print(f"\nsee {options.output}")
     return 0 if run.has_arrived else 1
 
 
@@ -144,20 +150,32 @@ def parser() -> argparse.ArgumentParser:
         description="A simulated robot finds its way over a ramp and back on drifting odometry."
     )
     made.add_argument("-o", "--output", type=Path, default=ROOT / "out" / "closed_loop")
+    made.add_argument("--seed", type=int, default=1, help="of the world (default: 1)")
+    made.add_argument("--no-animation", dest="animation", action="store_false")
     made.add_argument("--rate", type=float, default=1.0, help="times real time (default: 1)")
     made.add_argument("--json", action="store_true", help="print the figures as JSON")
     return made
 
 
-def drive(run: Run, directory: Path, rate: float) -> None:
+def recorded(directory: Path, seed: int) -> Path:
+    """A drive through the world: one of the project's bags, or one that is simulated."""
+    bag = ROOT / "bags" / f"{WORLD}_{seed}"
+    if not bag.exists():
+        bag = directory / "bag"
+        recording.simulate(WORLD, seed, bag)
+    return bag
+
+
+def drive(run: Run, options: argparse.Namespace, bag: Path) -> None:
     """Map, start the nodes, set the goals, listen until the robot has arrived or given up."""
+    directory, rate = options.output, options.rate
     long_term = directory / "long_term"
-    make_map(long_term)
+    make_map(bag, long_term)
     arguments = {
         "mapping": [f"mapping.map_directory:={directory}", "mapping.initial_map:=long_term"],
         "localization": [f"localization.map_directory:={long_term}"],
         "simulator": [f"simulator.{name}:={value}" for name, value in
-                      (("world", WORLD), ("seed", SEED), ("rate", rate))],
+                      (("world", WORLD), ("seed", options.seed), ("rate", rate))],
     }  # fmt: skip
     processes = []
     rclpy.init()
@@ -173,7 +191,7 @@ def drive(run: Run, directory: Path, rate: float) -> None:
                 command += ["-p", argument]
             processes.append(subprocess.Popen(command))
         wait(node, lambda: run.maps and run.known)
-        for goal in GOALS:
+        for goal in run.goals:
             run.sent_at.append(run.seconds)
             send(node, run, goals, goal, LONGEST / rate + PATIENCE)
             if not run.stands_at(goal):
@@ -189,8 +207,8 @@ def drive(run: Run, directory: Path, rate: float) -> None:
         rclpy.try_shutdown()
 
 
-def make_map(directory: Path) -> None:
-    command = ["heightmap25d", "map", BAG, "-o", directory, "--odom-topic", "/ground_truth",
+def make_map(bag: Path, directory: Path) -> None:
+    command = ["heightmap25d", "map", bag, "-o", directory, "--odom-topic", "/ground_truth",
                "--params", PARAMS]  # fmt: skip
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
 
@@ -256,13 +274,13 @@ def wait(node: Node, is_done, seconds: float = PATIENCE) -> None:
         rclpy.spin_once(node, timeout_sec=0.1)
 
 
-def summary(run: Run) -> dict[str, float | int | str | None]:
+def summary(run: Run, bag: Path) -> dict[str, float | int | str | None]:
     stamps = np.array([since_start(stamp) for stamp, _ in run.driven])
     poses = np.array([T for _, T in run.driven])
     legs = [poses[(stamps >= begin) & (stamps <= end)]
             for begin, end in zip(run.sent_at, run.arrived_at, strict=False)]  # fmt: skip
     rectangle = PlannerParams().robot_length, PlannerParams().robot_width
-    ground = read_ground(BAG / "truth" / "surface.npz")
+    ground = read_ground(bag / "truth" / "surface.npz")
     met = evaluate_path(ground, se3.to_xyz_rpy(poses)[:, [0, 1, 5]], *rectangle)
     known, wheels = (error_of(told, run.driven) for told in (run.known, run.odometry))
     return {
@@ -274,18 +292,31 @@ def summary(run: Run) -> dict[str, float | int | str | None]:
         ),
         "path length [m]": round(length(poses), 2),
         "straight distances to the goals [m]": round(
-            sum(distance(leg[0], goal) for leg, goal in zip(legs, GOALS, strict=False)), 2
+            sum(distance(leg[0], goal) for leg, goal in zip(legs, run.goals, strict=False)), 2
         ),
         "lowest and highest [m]": [round(float(z), 2) for z in
                                    (poses[:, 2, 3].min(), poses[:, 2, 3].max())],
-        "distance to the goal at the end [m]": round(distance(poses[-1], GOALS[-1]), 3),
+        "distance to the goal at the end [m]": round(distance(poses[-1], run.goals[-1]), 3),
         "plans": sum(len(way) > 0 for _, way in run.plans),
         "error of the pose: RMSE, largest, at the end [m]": rounded(known),
+        "poses over 3 sigma and 0.15 m": overconfident(run),
         "error of the odometry alone [m]": rounded(wheels),
         "largest true step under the robot [m]": round(met.largest_step_m, 3),
         "steepest true slope under the robot [deg]": round(np.degrees(met.steepest_slope_rad), 1),
         "known_cells": int(run.maps[-1][1].known.sum()),
     }  # fmt: skip
+
+
+def overconfident(run: Run) -> int:
+    """How many poses are off by more than 0.15 m and by more than three of their deviations."""
+    stamps, known = unzipped(run.known)
+    driven = unzipped(run.driven)
+    is_heard = (stamps >= driven[0][0]) & (stamps <= driven[0][-1])
+    true = interpolate(*driven, stamps[is_heard])
+    error = (known[is_heard] - true)[:, :2, 3]
+    precision = np.linalg.inv(np.array(run.covariances)[is_heard])
+    squared = np.einsum("ni,nij,nj->n", error, precision, error)
+    return int(((squared > 9.0) & (np.linalg.norm(error, axis=1) > 0.15)).sum())
 
 
 def error_of(told: list[tuple[int, se3.Matrix]], driven: list[tuple[int, se3.Matrix]]):

@@ -1,8 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated robot is sent from one deck of a garage to the other and back, on drifting odometry.
-
-Usage: python studies/drive_over_levels.py [--world W] [--seeds N ...] [--bags DIR]
+"""A simulated robot is sent from one level to the other and back, on drifting odometry.
 
 The long-term map is of another drive through the same world, with true poses. The robot knows where
 it starts, and from there on what its wheels, its inclinometer and its lasers tell: localization,
@@ -12,18 +10,14 @@ below that place on the lower one, and where it started. A JSON line a seed.
 
 from __future__ import annotations
 
-import argparse
-import json
-import tempfile
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
+from level_drives import print_table
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.io.bag import Bag
 from heightmap25d_ros.io.decode import Odometry
-from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.localization import Localizer
 from heightmap25d_ros.pipelines.mapping import Mapping
 from heightmap25d_ros.pipelines.path_following import PathFollowing
@@ -37,7 +31,7 @@ SCAN_RATE, STEP = 12.5, 0.02  # [Hz], [s]
 PATIENCE = 180.0  # [s], simulated, for a goal
 REACHED = 0.25  # [m]
 TOPICS = ("/scan", "/scan_down")
-PLACES = {"garage": (12.0, 5.3), "overpass": (13.8, 0.0)}
+PLACES = {"overpass": (13.8, 0.0), "garage": (12.0, 5.3)}
 """[m], below a deck and on it."""
 
 
@@ -105,8 +99,20 @@ class Robot:
         self.following.set_path(np.column_stack([plan.poses[:, :2, 3], heading]))
 
 
+def drives(folder, seeds, params):
+    """Drives to the upper level, below that place, and back to the start."""
+    print_table(
+        "world, seed", "goals reached", "driven", "highest", "contacts", "halted",
+        "odometry alone: end", "RMSE", "largest", "z RMSE",
+    )  # fmt: skip
+    params = replace(params, intake=replace(params.intake, scan_topics=TOPICS))
+    for world in PLACES:
+        for seed in seeds:
+            print(f"| `{world}`, {seed} | {run(world, seed, params, folder)}", flush=True)
+
+
 def run(name, seed, params, bags):
-    """Figures of the drive through the world of a seed."""
+    """The figures of a drive through the world of a seed."""
     bag = bags / f"{name}_{seed}_drive1"
     if not bag.exists():
         recording.simulate(name, seed, bag, drive=1)
@@ -127,20 +133,13 @@ def run(name, seed, params, bags):
     reached = [robot.drive_to(goal) for goal in goals_in(height_map, PLACES[name], params)]
     true, errors = np.array(robot.true), np.array(robot.errors)
     away = np.hypot(errors[:, 0], errors[:, 1])
-    return {
-        "world": name,
-        "seed": seed,
-        "reached": reached,
-        "refusal": robot.refusal,
-        "way_m": round(float(np.linalg.norm(np.diff(true, axis=0), axis=1).sum()), 1),
-        "highest_m": round(float(true[:, 2].max()), 2),
-        "contacts": robot.contacts,
-        "halted": sorted(robot.faults),
-        "odometry_alone_m": round(robot.alone, 2),
-        "pose_rmse_m": round(float(np.sqrt(np.mean(away**2))), 3),
-        "pose_largest_m": round(float(away.max()), 3),
-        "z_rmse_m": round(float(np.sqrt(np.mean(errors[:, 2] ** 2))), 3),
-    }
+    return (
+        f"{sum(reached)} of {len(reached)}{robot.refusal and f' ({robot.refusal})'} | "
+        f"{np.linalg.norm(np.diff(true, axis=0), axis=1).sum():.1f} m | {true[:, 2].max():.2f} m | "
+        f"{robot.contacts} | {', '.join(sorted(robot.faults)) or '-'} | {robot.alone:.2f} m | "
+        f"{np.sqrt(np.mean(away**2)):.3f} m | {away.max():.3f} m | "
+        f"{np.sqrt(np.mean(errors[:, 2] ** 2)):.3f} m |"
+    )
 
 
 def goals_in(height_map, place, params):
@@ -149,21 +148,3 @@ def goals_in(height_map, place, params):
     high = stack.surface_at(*place, 10.0)
     low = stack.surface_at(*place, None)
     return [(*place, stack.z_of(high)), (*place, stack.z_of(low)), (0.0, 0.0, 0.0)]
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--world", default="garage", choices=("garage", "overpass"))
-    parser.add_argument("--bags", type=Path, help="directory of recordings, kept and reused")
-    parser.add_argument("--seeds", nargs="+", type=int, default=[24, 25, 26])
-    options = parser.parse_args()
-    params = Params()
-    params = replace(params, intake=replace(params.intake, scan_topics=TOPICS))
-    with tempfile.TemporaryDirectory() as temporary:
-        bags = options.bags or Path(temporary)
-        for seed in options.seeds:
-            print(json.dumps(run(options.world, seed, params, bags)), flush=True)
-
-
-if __name__ == "__main__":
-    main()

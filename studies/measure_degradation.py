@@ -34,6 +34,7 @@ from heightmap25d_ros.localization.tracking_state import State
 from heightmap25d_ros.pipelines.localization import Localizer
 from heightmap25d_ros.pipelines.mapping import Mapping
 from heightmap25d_ros.pipelines.replay import feed
+from heightmap25d_ros.pipelines.self_check import Problem
 from heightmap25d_ros.pose_interpolation import interpolate
 
 BAGS = Path(__file__).parent.parent / "bags"
@@ -42,7 +43,7 @@ WRONG, SIGMAS = 0.15, 3.0  # [m], and deviations
 USUAL = 3  # reasons of a row at most
 HEAD = """\
 | disturbance | F1 | goals | pose while TRACKING: RMSE [m] | largest [m] | DEGRADED, LOST [s] | \
-confidently wrong [s] | what mapping counted |
+confidently wrong [s] | what mapping counted, or told |
 |---|---|---|---|---|---|---|---|"""
 
 
@@ -171,10 +172,11 @@ def row(name: str, mapped: MapOutcome, located: PoseOutcome) -> str:
         f"{reason} ({count})" for reason, count in mapped.mapping.dropped.most_common()
         if not reason.startswith("return: ")
     ]  # fmt: skip
+    told = [f.detail for f in mapped.mapping.problems() if f.problem is Problem.MOUNT]
     return (
         f"| {name} | {mapped.f1:.3f} | {mapped.goals} | {located.rmse:.3f} | {located.largest:.2f} "
         f"| {seconds[State.DEGRADED]:.1f}, {seconds[State.LOST]:.1f} "
-        f"| {located.confidently_wrong:.2f} | {'; '.join(reasons[:USUAL])} |"
+        f"| {located.confidently_wrong:.2f} | {'; '.join([*reasons[:USUAL], *told])} |"
     )
 
 

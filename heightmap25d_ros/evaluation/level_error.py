@@ -3,7 +3,8 @@
 """Error of a map with several levels against the true levels of its world.
 
 A true level holds one height per cell, as a robot on that level has it around itself. Of the map,
-the surface of a cell that is nearest to it counts.
+the surface of a cell that is nearest to it counts. What hangs the clear height or more above it is
+not of that level: a robot on it passes below.
 """
 
 from __future__ import annotations
@@ -84,7 +85,7 @@ def evaluate_levels(
         If the cells of the map do not coincide with those of the truth.
     """
     stack = SurfaceStack(height_map, levels, terrain)
-    nearest = [_nearest(stack, truth.geometry, top) for top in truth.top]
+    nearest = [_nearest(stack, truth.geometry, top, levels.clear_height) for top in truth.top]
     is_double = truth.top[0] != truth.top[1]
     seen = (np.abs(truth.seen - truth.top) <= LARGE_ERROR) & is_double
     right = [
@@ -114,15 +115,16 @@ def evaluate_levels(
 
 
 def _nearest(
-    stack: SurfaceStack, geometry: Geometry, tops: NDArray[np.float64]
+    stack: SurfaceStack, geometry: Geometry, tops: NDArray[np.float64], clear_height: float
 ) -> tuple[NDArray[np.int16], NDArray[np.bool_]]:
     """Heights [cm] of the map's surfaces nearest to true tops, and where there are any."""
     best = np.zeros(tops.shape, np.int16)
     least = np.full(tops.shape, np.inf)
-    for layer in stack.layers():
+    for number, layer in enumerate(stack.layers()):
         height, known = on_cells_of(geometry, layer)
-        off = np.abs(height * HEIGHT_RESOLUTION + layer.geometry.ground_zero - tops)
-        off = np.where(known, np.nan_to_num(off, nan=1e6), np.inf)
+        above = height * HEIGHT_RESOLUTION + layer.geometry.ground_zero - tops
+        is_overhead = (above >= clear_height) & (number > 0)
+        off = np.where(known & ~is_overhead, np.nan_to_num(np.abs(above), nan=1e6), np.inf)
         best[off < least] = height[off < least]
         least = np.minimum(least, off)
     return best, np.isfinite(least)

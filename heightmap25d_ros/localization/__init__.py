@@ -6,8 +6,8 @@ A `long_term_map` has a surface and landmarks for each level; the pose tells whi
 
 `short_term` keeps the surroundings of the last metres, `registration` aligns them with the
 long-term map (a `surface`) by the score of `matching`, `global_search` does so without a prior
-(by `branch_and_bound` over the windows of a `height_pyramid`; `level_search` on all levels), both
-in slices (`sliced_search`),
+(by a `sweep` over the windows of a `height_pyramid`, then `branch_and_bound`; `level_search` on all
+levels), both in slices (`sliced_search`),
 `hypotheses` tracks what it cannot tell apart, and `pose_filter` combines registrations and
 odometry, whose `odometry_errors` are learned. `tracker` runs all of it, and `tracking_state` is its
 state; `paper_registration` is the paper's method.

@@ -10,7 +10,7 @@ three cells; between them the refinement finds it.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from typing import NamedTuple
 
@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heightmap25d_ros.arrays import Array
+from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION
 from heightmap25d_ros.localization import branch_and_bound, height_pyramid, matching
-from heightmap25d_ros.localization.branch_and_bound import ROOT, Descent, Ground, Turned
-from heightmap25d_ros.localization.height_pyramid import LEVELS
+from heightmap25d_ros.localization.branch_and_bound import Descent, Ground, Turned
 from heightmap25d_ros.localization.matching import Cost, RegistrationPoints
 from heightmap25d_ros.localization.registration import (
     MIN_POINTS,
@@ -32,15 +32,16 @@ from heightmap25d_ros.localization.registration import (
 )
 from heightmap25d_ros.localization.sliced_search import SlicedSearch
 from heightmap25d_ros.localization.surface import BORDER, Surface
+from heightmap25d_ros.localization.sweep import Sweep
 from heightmap25d_ros.params.sections import RegistrationParams
 
 _POINTS = 150  # that the search uses
 _YAW_STEP = 3.0  # of the search, in multiples of the yaw that moves the points by a cell
-_BEGIN = 0.2  # of the worst score, with which the search begins
+_BEGIN = 0.4  # of the worst score, with which the search begins
 _FIRST = 3  # leaves that are refined to see how good the best place is
 _PIECE = 20_000  # bounds between two looks at the clock
 _LEAVES = 32_768  # of a search at most
-_SCORED = 2048  # of these between two looks at the clock
+_SOME = 1024  # of them, where they are too many
 _MINIMA = 32  # that are refined
 _APART = 3, 2  # [cells, steps of yaw] between two of these
 _COARSE, _FINE = (1.0, 1 / 2, 1 / 4), (1.0, 1 / 2, 1 / 4, 1 / 8)  # [cells] of the refinement
@@ -178,13 +179,8 @@ class GlobalSearch(SlicedSearch[SearchResult]):
             return
         self._scale = scale_of(self._points, self._surface)
         self._yaws = self._searched_yaws()
-        yaws = len(self._yaws)
         if self._memory() > self._params.search_memory * 1e6:
             yield _of(rejected(Reason.TOO_LARGE, count))
-            return
-        roots = np.concatenate([self._roots(yaw) for yaw in range(yaws)])
-        if not len(roots):
-            yield _of(rejected(Reason.LITTLE_OVERLAP, count))
             return
         self._few = self._points.some(search_points(self._points, _POINTS))
         self._seen: Turned = branch_and_bound.turned(
@@ -194,12 +190,16 @@ class GlobalSearch(SlicedSearch[SearchResult]):
             self._surface.pyramid, self._cost, is_z_known=self._ground_z is not None
         )
         yield None
-        yield from self._find(roots)
+        self._sweep = Sweep(self._seen, self._surface.pyramid.phases, self._ground, self._within())
+        if not self._sweep.strips:
+            yield _of(rejected(Reason.LITTLE_OVERLAP, count))
+            return
+        yield from self._find()
         if self._nodes > self._params.search_nodes:
             yield _of(rejected(Reason.UNFINISHED, count), nodes=self._nodes)
             return
         candidates = []
-        for start in (yield from self._minima(self._descent.leaves)):
+        for start in self._starts:
             candidates.append(self._refined(start, self._few, _COARSE))
             yield None
         yield self._judged(candidates)
@@ -214,35 +214,82 @@ class GlobalSearch(SlicedSearch[SearchResult]):
             return np.arange(yaws, dtype=np.float64) * step
         return np.arange(-steps, steps + 1, dtype=np.float64) * step
 
-    def _find(self, roots: NDArray[np.int32]) -> Iterator[None]:
+    def _find(self) -> Iterator[None]:
         """Find all leaves that can be as good as the best one, with limits that rise.
 
-        The best place is soon found with a low limit, and tells the one that is needed.
+        Where too many are within the first limit, a lower one tells which is needed.
         """
-        limit = _BEGIN * self._worst
+        limit, self._needed = _BEGIN * self._worst, self._worst
+        has_begun_lower = False
         while True:
-            self._descent = Descent(self._seen, roots, self._ground, self._within(), _LEAVES)
-            yield from self._divide(limit)
-            best = yield from self._best_of(self._descent.leaves)
-            needed = self._worst if best is None else self._limit(best)
-            if needed <= limit or not self._descent.is_done:
-                break
-            limit = min(needed, 2 * limit)
-
-    def _divide(self, limit: float) -> Iterator[None]:
-        """Find all leaves within a limit; not done if they are too many, or the budget is spent."""
-        descent, before = self._descent, self._nodes
-        while not descent.is_done and self._nodes <= self._params.search_nodes:
-            descent.divide(limit, _PIECE)
-            self._nodes = before + descent.nodes
+            self._descent = Descent(self._seen, self._ground, self._within(), _LEAVES)
+            self._limit_now = limit
+            yield from self._divide()
+            if self._is_full() and not has_begun_lower:
+                limit, has_begun_lower = 0.5 * limit, True
+                continue
+            leaves = self._descent.leaves
+            self._starts = self._minima(leaves if self._has_found_all else self._best(leaves))
             yield None
-            if descent.is_full:
-                best = yield from self._best_of(descent.leaves)
-                limit = limit if best is None else min(limit, self._limit(best))
-                descent.keep(limit)
+            self._lower(self._starts[:_FIRST])
+            yield None
+            if self._needed <= self._limit_now or not self._has_found_all:
+                break
+            limit = min(self._needed, 2 * limit)
+
+    def _divide(self) -> Iterator[None]:
+        """Find all leaves within a limit, which falls as soon as a good place is found.
+
+        Not all are found if they are too many, or the budget is spent.
+        """
+        descent, before = self._descent, self._nodes
+        self._has_found_all = False
+        self._least_bound = np.inf
+        for strip in self._sweep.strips:
+            known = len(descent.leaves)
+            descent.begin(self._sweep.roots(strip, self._limit_now / HEIGHT_RESOLUTION))
+            yield None
+            while not descent.is_done:
+                descent.divide(self._limit_now, _PIECE)
+                self._nodes = before + descent.nodes
                 yield None
-                if len(descent.leaves) > _LEAVES // 2:
-                    break
+                if descent.is_full:
+                    self._lower(self._minima(self._best(descent.leaves))[:_FIRST])
+                    yield None
+                    if self._is_full():
+                        return
+                    known = len(descent.leaves)
+                if self._nodes > self._params.search_nodes:
+                    return
+            if len(descent.leaves) > known:
+                self._lower_by(descent.leaves[known:])
+        self._has_found_all = True
+
+    def _is_full(self) -> bool:
+        return len(self._descent.leaves) > _LEAVES // 2
+
+    def _bounds(self, leaves: NDArray[np.int32]) -> Array:
+        return branch_and_bound.bounds(self._seen, leaves, self._ground, self._limit_now)
+
+    def _best(self, leaves: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Those with the lowest bounds, of leaves that are too many to look at all of them."""
+        return leaves[np.argsort(self._bounds(leaves), kind="stable")[:_SOME]]
+
+    def _lower_by(self, leaves: NDArray[np.int32]) -> None:
+        """Lower the limit by the best of new leaves (K, 4), if it is better than those before."""
+        bounds = self._bounds(leaves)
+        best = int(bounds.argmin())
+        if bounds[best] < self._least_bound:
+            self._least_bound = float(bounds[best])
+            self._lower(self._hypotheses(leaves[[best]]))
+
+    def _lower(self, starts: Array) -> None:
+        """Lower the limit to what is as good as the best pose that hypotheses (B, 4) lead to."""
+        found = [self._refined(start, self._few, _COARSE) for start in starts]
+        self._needed = min([self._needed, *(self._limit(candidate) for candidate in found)])
+        if self._needed < self._limit_now:
+            self._limit_now = self._needed
+            self._descent.keep(self._needed)
 
     @property
     def _worst(self) -> float:
@@ -251,9 +298,8 @@ class GlobalSearch(SlicedSearch[SearchResult]):
 
     def _memory(self) -> int:
         """Estimate [bytes] of what the search takes."""
-        rows, columns = (int(side) for side in self._surface.heights.shape)
-        roots = len(self._yaws) * -(-rows // ROOT) * -(-columns // ROOT)
-        return height_pyramid.memory_of((rows + 2 * BORDER, columns + 2 * BORDER)) + 60 * roots
+        rows, columns = (int(side) + 2 * BORDER for side in self._surface.heights.shape)
+        return height_pyramid.memory_of((rows, columns))
 
     def _within(self) -> tuple[float, float, float]:
         """The circle of the prior: row, column, radius [cells]."""
@@ -263,42 +309,16 @@ class GlobalSearch(SlicedSearch[SearchResult]):
         x, y = (np.array(self._prior[:2]) - self._surface.origin) / cell
         return float(y), float(x), self._prior.radius / cell
 
-    def _roots(self, yaw: int) -> NDArray[np.int32]:
-        """Nodes (K, 4) of the highest level at a yaw."""
-        y, x, radius = self._within()
-        sides = []
-        for middle, cells in zip((y, x), self._surface.heights.shape, strict=True):
-            low, high = max(middle - radius, 0.0), min(middle + radius, cells - 1.0)
-            sides.append(np.arange(int(low) // ROOT, int(high) // ROOT + 1) * ROOT)
-        rows, columns = np.meshgrid(*sides, indexing="ij")
-        same = np.ones(rows.size, np.int32)
-        return np.column_stack([
-            yaw * same, (LEVELS - 1) * same, rows.ravel(), columns.ravel()
-        ]).astype(np.int32)  # fmt: skip
-
-    def _best_of(self, leaves: NDArray[np.int32]) -> Generator[None, None, Candidate | None]:
-        """The best pose that the most promising leaves lead to; None without leaves."""
-        minima = yield from self._minima(leaves)
-        found = [self._refined(start, self._few, _COARSE) for start in minima[:_FIRST]]
-        yield None
-        return min(found, key=self._cautious, default=None)
-
     def _cautious(self, candidate: Candidate) -> float:
         return cautious_score(candidate, self._params)
 
     def _limit(self, candidate: Candidate) -> float:
         return as_good_score(candidate, self._params)
 
-    def _minima(self, leaves: NDArray[np.int32]) -> Generator[None, None, Array]:
+    def _minima(self, leaves: NDArray[np.int32]) -> Array:
         """The best hypotheses (B, 4) in leaves (K, 4) that are not adjacent to one another."""
         hypotheses = self._hypotheses(leaves)
-        scores = np.empty(len(leaves))
-        for begin in range(0, len(leaves), _SCORED):
-            part = slice(begin, begin + _SCORED)
-            scores[part] = matching.scores_at(
-                self._few, hypotheses[part], self._surface, self._cost
-            )
-            yield None
+        scores = matching.scores_at(self._few, hypotheses, self._surface, self._cost)
         found: list[Array] = []
         waiting = np.argsort(scores, kind="stable")
         while len(waiting) and len(found) < _MINIMA:
@@ -309,7 +329,6 @@ class GlobalSearch(SlicedSearch[SearchResult]):
             turn = np.rint(np.abs(np.angle(np.exp(1j * turned))) / self._yaw_step)
             is_apart = (apart[:, 2:].max(axis=1) > _APART[0]) | (turn > _APART[1])
             waiting = waiting[is_apart]
-            yield None
         return np.array(found)
 
     def _hypotheses(self, leaves: NDArray[np.int32]) -> Array:
@@ -353,14 +372,14 @@ class GlobalSearch(SlicedSearch[SearchResult]):
         as_good = (best, *(c for c in fine[1:] if c.score <= self._limit(best)))
         lifted = self._points._replace(xyz=self._points.xyz + (0.0, 0.0, best.z))
         found = matching.match(lifted, best.offset, self._surface, self._cost)
-        is_complete = self._descent.is_done and len(coarse) <= _FINAL
+        is_complete = self._has_found_all and len(coarse) <= _FINAL
         reason = Reason.ACCEPTED
         # Without a prior a robot that sees beyond the map could be at any of its borders.
         if found.known < params.min_overlap:
             reason = Reason.LITTLE_OVERLAP
         elif found.residual > params.max_residual:
             reason = Reason.HIGH_RESIDUAL
-        elif len(as_good) > 1 or not self._descent.is_done:
+        elif len(as_good) > 1 or not self._has_found_all:
             reason = Reason.AMBIGUOUS
         return SearchResult(
             reason=reason, offset=best.offset, z=best.z + found.z, information=np.zeros((3, 3)),
@@ -368,6 +387,17 @@ class GlobalSearch(SlicedSearch[SearchResult]):
             ratio=best.score / fine[1].score if len(fine) > 1 else 0.0, points=count,
             candidates=as_good, is_complete=is_complete, nodes=self._nodes,
         )  # fmt: skip
+
+
+def compile_kernels(params: RegistrationParams) -> None:
+    """Compile, or load from numba's cache, what any search of the whole map needs."""
+    surface = Surface(np.zeros((4, 4), np.float32), np.zeros((4, 4), bool), (0.0, 0.0), 1.0)
+    points = RegistrationPoints(
+        np.zeros((MIN_POINTS, 3)), np.zeros(MIN_POINTS, bool), np.ones(MIN_POINTS), (2.0, 2.0)
+    )
+    search = GlobalSearch(points, surface, params)
+    search.finish()
+    search._descent.keep(0.0)  # as where there are too many places
 
 
 def worst_score(params: RegistrationParams) -> float:

@@ -12,6 +12,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +22,8 @@ from scipy import ndimage
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION
 
-LEVELS = 5
-"""Number of levels; the windows of the last one are for moves of 2^4 cells."""
+LEVELS = 3
+"""Number of levels; the windows of the last one are for moves of four cells."""
 
 KNOWN, EDGE, NEAR_KNOWN, BEYOND = 1, 2, 4, 8
 """Flags: a known cell, an edge, an unknown cell near known ones, and one that is not, are there."""
@@ -29,10 +31,27 @@ KNOWN, EDGE, NEAR_KNOWN, BEYOND = 1, 2, 4, 8
 NOTHING = 32000
 """Lowest height [cm] of a window without known cells; their highest one is its negative."""
 
+ANYWHERE = NOTHING - 1000
+"""Highest z [cm] of a robot whose z is unknown: a window without known cells is never so near."""
+
 _PAD: int = 2 ** (LEVELS - 1) + 2  # [cells] of the widest window, before the first cell
 _GROUND_GAP = 4.0  # [cells] to known ground, over which the robot can stand
 _WHOLE = 0.01  # [cm] within which a height is one of whole centimetres, as maps store them
 _BYTES = 60  # of a cell: six a level and the work while it is made
+
+
+class Phases(NamedTuple):
+    """Windows of the highest level; [py, px, y, x] is that which begins at cell 4 y + py, 4 x + px.
+
+    Attributes
+    ----------
+    low, high : (4, 4, rows, columns) int16
+    flags : (4, 4, rows, columns) uint8
+    """
+
+    low: NDArray[np.int16]
+    high: NDArray[np.int16]
+    flags: NDArray[np.uint8]
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +76,26 @@ class HeightPyramid:
     ground: tuple[NDArray[np.int16], ...]
     base: float
     pad: int
+
+    @cached_property
+    def phases(self) -> Phases:
+        """The widest windows, in the order in which squares side by side read them; cached."""
+        widest, side = self.windows[-1], 2 ** (LEVELS - 1)
+        rows, columns = (-(-length // side) for length in widest.shape[:2])
+        return Phases(*(
+            np.ascontiguousarray(
+                np.pad(
+                    layer,
+                    [(0, side * blocks - length)
+                     for blocks, length in zip((rows, columns), layer.shape, strict=True)],
+                    constant_values=outside,
+                ).reshape(rows, side, columns, side).transpose(1, 3, 0, 2)
+            )
+            for layer, outside in (
+                (widest[:, :, 0], NOTHING), (widest[:, :, 1], -NOTHING),
+                (widest[:, :, 2].astype(np.uint8), BEYOND),
+            )
+        ))  # fmt: skip
 
     def ground_at(self, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Array:
         """Heights (N,) [m] of the ground of cells of the map; NaN where there is none."""

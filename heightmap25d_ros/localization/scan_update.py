@@ -226,6 +226,11 @@ def _add_return(  # noqa: PLR0913
         row[2] = -row[0] * y + row[1] * x
         row[3], row[4], row[5] = -1.0, -y, x
         noise = planes[k, 4]
+        unknown = _across(row[0], row[1], covariance)
+        if unknown > (row[0] ** 2 + row[1] ** 2) * _UNSURE**2:
+            # Which slope this is cannot be told: the return tells z and tilt alone.
+            variance += unknown
+            row[0] = row[1] = row[2] = noise = 0.0
     prior = _square(row, covariance)
     if code % 2 == 0 and prior > _UNSURE**2:
         return
@@ -242,6 +247,12 @@ def _add_return(  # noqa: PLR0913
     else:
         _add_square(1.0, 0.0, -y, noise, fake)
         _add_square(0.0, 1.0, x, noise, fake)
+
+
+@inlined_kernel
+def _across(x, y, covariance):
+    """Variance that the prior gives a shift along (x, y), times the square of its length."""
+    return x * (x * covariance[0, 0] + 2.0 * y * covariance[0, 1]) + y * y * covariance[1, 1]
 
 
 @inlined_kernel

@@ -10,7 +10,8 @@ A beam that ends nowhere proves nothing: the ground is missing, or swallows ligh
 tells of what may be a drop-off, where its neighbours do as well (`sensor_model.voids`).
 
 The mark stands in place of the height of a cell that is unknown (`SUSPECTED`), so that it goes
-wherever heights go, and is gone with the first return from the cell.
+wherever heights go, and is gone with the first return from the cell. It takes two beams: until the
+second one the cell has the height 0, as any unknown one.
 """
 
 from __future__ import annotations
@@ -18,15 +19,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from heightmap25d_ros.grid.height_grid import TILE, HeightGrid
+from heightmap25d_ros.grid.height_grid import TILE, HeightGrid, TiledArray
 from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, SUSPECTED, stored_probability
 from heightmap25d_ros.kernels import inlined_kernel, kernel
+from heightmap25d_ros.mapping.changed_tiles import include
 from heightmap25d_ros.mapping.sensor_model import Beams
 from heightmap25d_ros.params.sections import TraversabilityParams
 
-_ONCE = SUSPECTED + 1  # in place of the height: one beam has told of a drop-off, not yet two
 _STRIDE = 0.25  # [cells] between the places of a beam that are looked at
 _LONGEST_SHADOW = 6.0  # [m] between an edge and where a beam ends
 _REACH = 2.0  # [m] beyond an edge that are judged by it
@@ -52,62 +52,54 @@ class DropOffs:
     def __init__(
         self, grid: HeightGrid, params: TraversabilityParams, probability_threshold: float
     ) -> None:
-        self._grid = grid
         is_certain = params.drop_offs == "must"
-        self._uses_voids = not is_certain
+        self._extension = 0.0 if is_certain else _BELOW
         resolution = grid.geometry.resolution
         steepest = math.tan(params.max_slope) if is_certain else 0.0
-        self._limits = (
-            params.max_step / HEIGHT_RESOLUTION + 1e-6,
-            steepest * resolution / HEIGHT_RESOLUTION,
-            max(steepest, _LEAST_SLOPE),
-            stored_probability(probability_threshold),
-            (_REACH if is_certain else _SOON) / resolution,
-            _LONGEST_SHADOW / resolution,
+        told_once = TiledArray(grid.tile_top.shape, np.bool_)
+        self._constants = (
+            (*grid.geometry.origin, grid.geometry.ground_zero),
+            resolution,
+            *(array.cells for array in (grid.height, grid.probability, told_once)),
+            grid.tile_changed,
+            grid.changed,
+            (
+                params.max_step / HEIGHT_RESOLUTION + 1e-6,
+                steepest * resolution / HEIGHT_RESOLUTION,
+                max(steepest, _LEAST_SLOPE),
+                stored_probability(probability_threshold),
+                (_REACH if is_certain else _SOON) / resolution,
+                _LONGEST_SHADOW / resolution,
+            ),
         )
 
     def integrate(self, beams: Beams) -> None:
         """Mark what beams tell of that were integrated into the grid before."""
-        grid = self._grid
-        ends = beams.ends
-        if self._uses_voids and beams.is_void is not None and beams.is_void.any():
-            ends = _extended(beams.origins, ends, beams.is_void, _BELOW)
-        marked = _integrate(
-            beams.origins, ends, beams.is_hit, beams.is_lone,
-            (*grid.geometry.origin, grid.geometry.ground_zero), grid.geometry.resolution,
-            grid.height.cells, grid.probability.cells, self._limits,
+        is_void = beams.is_lone if beams.is_void is None else beams.is_void
+        extension = 0.0 if beams.is_void is None else self._extension
+        _integrate(
+            beams.origins, beams.ends, beams.is_hit, beams.is_lone, is_void, extension,
+            *self._constants,
         )  # fmt: skip
-        for ty, tx in set(map(tuple, marked.tolist())):
-            grid.mark_changed(np.s_[ty : ty + 1, tx : tx + 1])
-
-
-def _extended(
-    origins: NDArray[np.float64],
-    ends: NDArray[np.float64],
-    is_extended: NDArray[np.bool_],
-    distance: float,
-) -> NDArray[np.float64]:
-    """Ends (N, 3) [m] of beams of which some are longer by a horizontal distance [m]."""
-    along = ends - origins
-    length = np.hypot(along[:, 0], along[:, 1])
-    share = np.where(is_extended & (length > 0.0), distance / np.maximum(length, 1e-9), 0.0)
-    return np.asarray(ends + share[:, None] * along)
 
 
 @kernel
 def _integrate(  # noqa: PLR0913
-    origins, ends, is_hit, is_lone, corner, resolution, heights, probabilities, limits
+    origins, ends, is_hit, is_lone, is_void, extension, corner, resolution,
+    heights, probabilities, told_once, tile_changed, changed, limits,
 ):  # fmt: skip
-    """Tiles (K, 2) in which a cell was marked."""
+    """Mark cells [tile y, tile x, y, x]; void beams are longer by an extension [m]."""
     least_slope = limits[2]
     rows, columns = heights.shape[0] * TILE, heights.shape[1] * TILE
-    marked = [(0, 0) for _ in range(0)]
     for i in range(len(ends)):
+        if is_lone[i]:
+            continue
         x, y = (origins[i, 0] - corner[0]) / resolution, (origins[i, 1] - corner[1]) / resolution
-        along_x, along_y = ends[i, 0] - origins[i, 0], ends[i, 1] - origins[i, 1]
+        end = _end(origins, ends, i, extension if is_void[i] else 0.0)
+        along_x, along_y = end[0] - origins[i, 0], end[1] - origins[i, 1]
         length = np.hypot(along_x, along_y) / resolution  # [cells]
-        fall = (origins[i, 2] - ends[i, 2]) / resolution
-        if is_lone[i] or fall <= least_slope * length or length < 2.0:
+        fall = (origins[i, 2] - end[2]) / resolution
+        if fall <= least_slope * length or length < 2.0:
             continue
         end_x, end_y = x + along_x / resolution, y + along_y / resolution
         if not (_is_inside(x, y, rows, columns) and _is_inside(end_x, end_y, rows, columns)):
@@ -124,19 +116,29 @@ def _integrate(  # noqa: PLR0913
         at = edge + _STRIDE
         while at <= proof:
             cell = _cell(beam, at)
-            if probabilities[cell] < limits[3] and heights[cell] != SUSPECTED:
-                heights[cell] = SUSPECTED if heights[cell] == _ONCE else _ONCE
-                probabilities[cell] = 0  # of a height that it had, and that was doubted
-                marked.append((cell[0], cell[1]))
-                # A cell is told of once by each beam.
-                while at <= proof and _cell(beam, at) == cell:
-                    at += _STRIDE
-            else:
+            if probabilities[cell] >= limits[3] or heights[cell] == SUSPECTED:
                 at += _STRIDE
-    tiles = np.empty((len(marked), 2), np.int64)
-    for i in range(len(marked)):
-        tiles[i, 0], tiles[i, 1] = marked[i]
-    return tiles
+                continue
+            # What was told before the cell had a height counts no more.
+            is_told = told_once[cell] and probabilities[cell] == 0
+            heights[cell] = SUSPECTED if is_told else 0
+            told_once[cell] = True
+            probabilities[cell] = 0  # of a height that it had, and that was doubted
+            if tile_changed[cell[0], cell[1]] == 0:
+                tile_changed[cell[0], cell[1]] = 1
+                include(cell[0], cell[1], changed)
+            while at <= proof and _cell(beam, at) == cell:  # told of once by each beam
+                at += _STRIDE
+
+
+@inlined_kernel
+def _end(origins, ends, i, extension):
+    """Where a beam ends that is longer by a horizontal distance [m]."""
+    x, y, z = ends[i]
+    along_x, along_y, along_z = x - origins[i, 0], y - origins[i, 1], z - origins[i, 2]
+    length = np.hypot(along_x, along_y)
+    share = extension / max(length, 1e-9) if length > 0.0 else 0.0
+    return x + share * along_x, y + share * along_y, z + share * along_z
 
 
 @inlined_kernel

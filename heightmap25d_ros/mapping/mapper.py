@@ -28,6 +28,7 @@ from heightmap25d_ros.grid.height_map import (
 from heightmap25d_ros.grid.levels import BELIEF
 from heightmap25d_ros.kernels import inlined_kernel, kernel
 from heightmap25d_ros.mapping.cell_update import Likelihoods, Rule, hit, is_contradicted, miss
+from heightmap25d_ros.mapping.changed_tiles import include
 from heightmap25d_ros.mapping.level_update import (
     BELIEFS,
     CHANGED,
@@ -243,9 +244,9 @@ def _integrate(  # noqa: PLR0913
         is_changed = after[0] != before[0] or before[1] < rule.known or outcome == CHANGED
         if is_changed and tile_changed[tile] == 0:
             tile_changed[tile] = 1
-            _include(iy // TILE, ix // TILE, changed)
+            include(iy // TILE, ix // TILE, changed)
         if tile_top[tile] == 0:
-            _include(iy // TILE, ix // TILE, observed)
+            include(iy // TILE, ix // TILE, observed)
         tile_top[tile] = max(tile_top[tile], max(after[0], z) + TOP_BIAS)
         hits += 1
     return hits, out_of_range, outside, surplus
@@ -265,14 +266,6 @@ def _in_cells(points, index, corner, cells_per_metre):
     x = (points[index, 0] - corner[0]) * cells_per_metre
     y = (points[index, 1] - corner[1]) * cells_per_metre
     return x, y, (points[index, 2] - corner[2]) * (1.0 / HEIGHT_RESOLUTION)
-
-
-@inlined_kernel
-def _include(ty, tx, bounds):
-    """Extend bounds, as of `HeightGrid.observed`, by a tile."""
-    bounds[0], bounds[1] = min(bounds[0], ty), min(bounds[1], tx)
-    bounds[2], bounds[3] = max(bounds[2], ty), max(bounds[3], tx)
-    bounds[4] += 1
 
 
 @inlined_kernel
@@ -320,21 +313,25 @@ def _clear(  # noqa: PLR0913
     for _ in range(1 + abs(last_tx - tx) + abs(last_ty - ty)):
         stop = min(exit_x, exit_y, last)
         tile = np.uint64(index)
-        # A beam above the highest cell of a tile cannot touch any of its cells.
+        # A beam above the highest cell of a tile cannot touch any of its cells. One below all that
+        # is above the lowest surfaces, or above it, cannot touch that.
         meets = int((biased_z - tile_top[tile]) * ticks_per_cm)
         begin = max(first, exit_x - across_x, exit_y - across_y)
-        is_among = spans[2 * tile + 1] != 0 and _meets_span(
-            tile, biased_z - begin * (fall / _TICKS), biased_z - stop * (fall / _TICKS), spans, rule
-        )
-        if (meets < stop or is_among) and _clear_tile(
-            tile, begin if is_among else max(begin, meets), stop, x, y,
+        is_among = False
+        if spans[2 * tile + 1] != 0:
+            meets_upper = int((biased_z - spans[2 * tile + 1]) * ticks_per_cm)
+            start_z = biased_z - begin * (fall / _TICKS)
+            is_among = meets_upper < stop and start_z >= spans[2 * tile] - rule.tolerance
+            meets = min(meets, meets_upper) if is_among else meets
+        if meets < stop and _clear_tile(
+            tile, max(begin, meets), stop, x, y,
             z, fall / _TICKS, distance, metres, lacking, length - _END, origin[2],
             heights, probabilities, candidate_heights, candidates,
             layers, is_among, judged, model, rule,
         ):  # fmt: skip
             if tile_changed[tile] == 0:
                 tile_changed[tile] = 1
-                _include(index // columns, index % columns, changed)
+                include(index // columns, index % columns, changed)
             tile_top[tile] = _top_of(
                 tile, heights, probabilities, candidate_heights, candidates, rule
             )
@@ -346,13 +343,6 @@ def _clear(  # noqa: PLR0913
         else:
             index += y.step * columns
             exit_y += across_y
-
-
-@inlined_kernel
-def _meets_span(tile, start, stop, spans, rule):
-    """Whether a beam that falls between two heights is among a tile's upper surfaces [cm]."""
-    lowest = np.int64(spans[2 * tile]) - rule.tolerance
-    return stop <= spans[2 * tile + 1] and start >= lowest
 
 
 @inlined_kernel

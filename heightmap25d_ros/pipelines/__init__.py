@@ -10,6 +10,6 @@ the queue releases to `mapping`, `localization`, and `slam` without known poses,
 in `slam_drives`; `planning` has its `mission`, the `path_requests` of others and the `speed_limit`.
 `replay` feeds a bag, and `from_bag` does so in one call. `exploration` chooses goals for an
 `exploration_task`, with the state of an `exploration_run`, and `path_following` drives along the
-plan. `drops` decodes messages and counts those that are not used; `input_watch` and `self_check`
-find out what is missing, and `silence` who has fallen silent.
+plan. `drops` decodes messages and counts those that are not used; `input_watch`, with its
+`mount_watch`, and `self_check` find out what is missing, and `silence` who has fallen silent.
 """

@@ -16,6 +16,7 @@ from heightmap25d_ros.mapping.cloud import Cloud
 from heightmap25d_ros.mapping.scan import Scan
 from heightmap25d_ros.mapping.sensor_model import count_returns
 from heightmap25d_ros.pipelines.drops import BELOW_RANGE_MIN, BEYOND_RANGE_MAX, Drops
+from heightmap25d_ros.pipelines.mount_watch import MountWatch
 from heightmap25d_ros.pipelines.repeated_scans import difference
 
 RETURNS, BEYOND, BELOW, AT_MAX = "returns", "beyond range_max", "below range_min", "at range_max"
@@ -115,6 +116,7 @@ class InputWatch:
     scans, used : int
         Scans that came, and those that were used.
     flatness : Flatness
+    mounts : MountWatch
     clouds : dict of topic to str
         How its newest cloud was read.
     """
@@ -125,6 +127,7 @@ class InputWatch:
         self.counts: Counter[str] = Counter()
         self.scans = self.used = 0
         self.flatness = Flatness()
+        self.mounts = MountWatch()
         self._examples: dict[str, str] = {}
         self._rhythms: dict[str, _Rhythm] = {}
         self._sweeps: dict[str, deque[tuple[int, float]]] = defaultdict(

@@ -16,8 +16,13 @@ from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.io import decode
 from heightmap25d_ros.io.decode import Odometry
-from heightmap25d_ros.localization import matching, registration, scan_search, scan_update
-from heightmap25d_ros.localization.global_search import relocalize
+from heightmap25d_ros.localization import (
+    global_search,
+    matching,
+    registration,
+    scan_search,
+    scan_update,
+)
 from heightmap25d_ros.localization.layers import LayerMap
 from heightmap25d_ros.localization.long_term_map import LongTermMap
 from heightmap25d_ros.localization.pose_filter import SmoothCorrection
@@ -54,7 +59,7 @@ def compile_kernels(params: Params) -> None:
         np.zeros((count, 3)), np.zeros(count, bool), np.ones(count), pivot=(2.0, 2.0)
     )
     registration.register(points, surface, 1e-4 * np.eye(3), params.registration)
-    relocalize(points, surface, params.registration)
+    global_search.compile_kernels(params.registration)
     scan_update.compile_kernels(params.scan_filter)
     scan_search.compile_kernels()
     se3.from_xyz_rpy(se3.to_xyz_rpy(np.eye(4)))  # for a pose that is given

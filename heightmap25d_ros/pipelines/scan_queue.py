@@ -367,6 +367,8 @@ class ScanQueue:
             if isinstance(looked_up, Missing):
                 return _LookupFailure(looked_up, "its mount", frame)
             mount = looked_up
+        if isinstance(waiting.scan, Scan):
+            self.watch.mounts.observe(waiting.topic, waiting.scan, T_odom_base, mount)
         return Reading(
             topic=waiting.topic,
             scan=waiting.scan,

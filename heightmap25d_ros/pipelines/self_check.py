@@ -67,6 +67,7 @@ class Problem(Enum):
     REFUSED = "scans are refused"
     OUT_OF_RANGE = "returns out of range"
     AT_MAX = "returns at exactly range_max"
+    MOUNT = "a mount is off"
     SWEEP = "scans last too long"
     OFFSET = "stamps do not go together"
     STUCK = "scans repeat"
@@ -122,8 +123,8 @@ class Observed:
         them.
     examples : mapping of str to str
         Numbers to these, and to the reasons.
-    sweep, offset : str
-        What is wrong with the times of scans; empty where nothing is.
+    sweep, offset, mount : str
+        What is wrong with the times of scans, and with mounts; empty where nothing is.
     """
 
     inputs: tuple[Input, ...] = ()
@@ -136,6 +137,7 @@ class Observed:
     examples: Mapping[str, str] = field(default_factory=dict)
     sweep: str = ""
     offset: str = ""
+    mount: str = ""
 
 
 def with_watch(observed: Observed, watch: InputWatch, dropped: Drops) -> Observed:
@@ -149,6 +151,7 @@ def with_watch(observed: Observed, watch: InputWatch, dropped: Drops) -> Observe
         examples=examples,
         sweep=watch.sweep_fault(),
         offset=watch.offset_fault(),
+        mount=watch.mounts.fault(),
     )
 
 
@@ -240,11 +243,13 @@ def findings(observed: Observed) -> list[Finding]:
 
 
 def _of_scans(observed: Observed) -> Iterator[Finding]:
-    """Times of scans, and scans that were not used."""
+    """Times and mounts of scans, and scans that were not used."""
     if observed.sweep:
         yield Finding(Problem.SWEEP, observed.sweep)
     if observed.offset:
         yield Finding(Problem.OFFSET, observed.offset)
+    if observed.mount:
+        yield Finding(Problem.MOUNT, observed.mount)
     lost = observed.ranges.get(LOST, 0)
     if lost > max(LOST_FROM * observed.scans, SOME_LOST):
         yield Finding(

@@ -16,7 +16,7 @@ import numpy as np
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.io.bag import Bag
-from heightmap25d_ros.localization.landmarks import Landmarks, landmarks_of
+from heightmap25d_ros.localization.landmarks import Landmarks
 from heightmap25d_ros.params import sources
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.mapping import Mapping
@@ -25,6 +25,7 @@ from heightmap25d_ros.pipelines.scan_queue import Reading
 from heightmap25d_ros.pipelines.sensor_intake import SensorIntake
 from heightmap25d_ros.slam.map_pass import MapPass, ScanPose
 from heightmap25d_ros.slam.own_map_tracker import OwnMapTracker
+from heightmap25d_ros.slam.refinement import disagreed, refined_poses
 
 
 class _Drive(SensorIntake[Reading]):
@@ -89,6 +90,7 @@ class CorrectedMapping(_Drive):
 
     Attributes
     ----------
+    mapping
     poses : list of ScanPose
         As they were merged; those that are not sure were not.
     trajectory : list of (int, (4, 4) float64)
@@ -105,7 +107,7 @@ class CorrectedMapping(_Drive):
         super().__init__(params)
         self.poses: list[ScanPose] = []
         self.trajectory: list[tuple[int, se3.Matrix]] = []
-        self._mapping = mapping
+        self.mapping = mapping
         self._given: Iterator[ScanPose] = iter(poses)
         self._pass = None if landmarks is None else MapPass(landmarks, params)
 
@@ -122,7 +124,7 @@ class CorrectedMapping(_Drive):
             pose = self._pass.pose(beams, reading.T_map_base[-1], pose)
         placed = replace(reading, T_map_base=np.asarray(pose.T_map_odom @ reading.T_map_base))
         if pose.is_sure:
-            self._mapping.merge(placed)
+            self.mapping.merge(placed)
         self.poses.append(pose)
         self.trajectory.append((pose.stamp_ns, placed.T_map_base[0]))
 
@@ -140,7 +142,7 @@ class SlamResult:
     odometry, trajectory : list of (int, (4, 4) float64)
         Stamp [ns] of each scan, and pose of the robot: by odometry alone, and in the map.
     disagreed : float [m]
-        Travelled where the map and the poses that it was made of disagree.
+        Travelled where these are not what localization on the own map has found.
     poses : list of ScanPose
         Of the map that it was made with.
     """
@@ -158,9 +160,9 @@ def slam_bag(
 ) -> SlamResult:
     """Map a bag without known poses: the same bag, the same map.
 
-    The drive is localized on the map made so far; the map is then made anew with the poses that
-    came of it, and once more with those that are found on that map. The bag is read three times,
-    so that the memory does not grow with its length, but for the poses.
+    The drive is localized on the map made so far; its poses are then refined together, and the map
+    is made anew with these. The bag is read twice, so that the memory does not grow with its
+    length, but for the poses and some returns of each metre.
 
     Parameters
     ----------
@@ -183,19 +185,12 @@ def slam_bag(
         for step in replayed(bag, slam, odom_topic, params.intake, stretch)
         for reading in step.outcomes
     ]
-    poses = slam.tracker.poses()
-    mapping = Mapping(params)
-    made = CorrectedMapping(mapping, poses, params)
+    poses = refined_poses(slam.tracker, params.scan_filter)
+    made = CorrectedMapping(Mapping(params), poses, params)
     map_again(bag, made, odom_topic, params, stretch)
-    height_map, _ = mapping.maps(np.inf)
-    layers = mapping.layers(height_map.geometry)
-    if height_map.known.any() and layers is not None:
-        mapping = Mapping(params)
-        made = CorrectedMapping(mapping, poses, params, landmarks_of(height_map, layers))
-        map_again(bag, made, odom_topic, params, stretch)
     return SlamResult(
-        mapping=mapping, slam=slam, odometry=odometry, trajectory=made.trajectory,
-        disagreed=made.disagreed, poses=made.poses,
+        mapping=made.mapping, slam=slam, odometry=odometry, trajectory=made.trajectory,
+        disagreed=disagreed(slam.tracker, poses), poses=poses,
     )  # fmt: skip
 
 

@@ -8,7 +8,8 @@ of some metres, each rigid in itself, with the `sightings` of their cells; `own_
 around the robot for the scan filter and for searches. `loop_closure` finds the robot in older
 submaps, and `submap_graph`, over the `pose_graph`, moves all of them to where they agree; a
 `saved_map` of another day may be the first one. `moved_parts` moves what others made with them.
-`own_map_localization` does all of this while the robot drives, `map_pass` holds a recorded drive
-against the finished map once more. `map_registration` finds a finished map in another one, and
-`map_merge` makes one of both.
+`own_map_localization` does all of this while the robot drives. Of a recorded drive, `refinement`
+finds all poses together afterwards: a `bundle` of poses and of the `patches` that they have seen.
+`map_pass` holds a drive against a map of several. `map_registration` finds a finished map in
+another one, and `map_merge` makes one of both.
 """

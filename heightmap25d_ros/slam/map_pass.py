@@ -1,13 +1,13 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A drive held against a finished map, beside the poses that the map was made of.
+"""A drive held against a finished map that others have made as well.
 
-In the map that a pass makes, what was seen first was inserted before anything was known of the
-rest. Held against all of it, each pose is known as well as the last ones.
+Its own poses fit together. Against the map they take the place of the odometry.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -22,8 +22,8 @@ from heightmap25d_ros.localization.tracking_state import CONTRADICTIONS
 from heightmap25d_ros.mapping.sensor_model import Beams
 from heightmap25d_ros.params.sections import Params
 
-_START = np.diag(np.square([0.05, 0.05, 0.01]))  # of a pose of the pass before
-_APART, _APART_YAW = 0.3, 0.1  # [m], [rad] between two passes, beyond which they disagree
+_START = np.diag(np.square([0.05, 0.05, 0.01]))  # of a given pose
+_APART, _APART_YAW = 0.3, 0.1  # [m], [rad] between two that disagree
 
 
 class ScanPose(NamedTuple):
@@ -44,7 +44,7 @@ class ScanPose(NamedTuple):
 
 
 class MapPass:
-    """Localization on a finished map, which begins, and begins anew, at poses of the pass before.
+    """Localization on a finished map, which begins, and begins anew, at given poses.
 
     Parameters
     ----------
@@ -55,48 +55,49 @@ class MapPass:
     Attributes
     ----------
     disagreed : float [m]
-        Travelled where the passes disagree: there the poses are those of the pass before.
+        Travelled where the map and the given poses disagree: there these are kept.
     """
 
     def __init__(self, landmarks: Landmarks, params: Params) -> None:
         self.disagreed = 0.0
         self._landmarks, self._params = landmarks, params
         self._window = ScanWindow(params.scan_filter)
-        self._estimate: ScanFilter | None = None
-        self._T_odom_base = np.eye(4)
+        self._estimate: ScanFilter | None = None  # of the given poses' frame in the map
+        self._given = np.eye(4)
         self._distance = 0.0
         self._is_sure = True
 
-    def pose(self, beams: Beams, T_odom_base: se3.Matrix, before: ScanPose) -> ScanPose:
-        """Where a scan was taken, from its beams in odom and what the pass before has found."""
+    def pose(self, beams: Beams, T_odom_base: se3.Matrix, given: ScanPose) -> ScanPose:
+        """Where a scan was taken, from its beams in odom and where it is thought to be."""
         travelled = 0.0
+        before, self._given = self._given, given.T_map_odom @ T_odom_base
         if self._estimate is None:
-            self._estimate = self._begun_at(before.T_map_odom)
+            self._estimate = self._begun()
         else:
-            travelled = distance_travelled(self._T_odom_base, T_odom_base)
-            self._estimate.predict(self._T_odom_base, T_odom_base)
-        self._T_odom_base = T_odom_base
+            travelled = distance_travelled(before, self._given)
+            self._estimate.predict(before, self._given)
         self._distance += travelled
-        self._window.add(beams, before.stamp_ns)
-        if self._window.is_due(self._distance, before.stamp_ns):
-            returns = self._window.take(self._distance, before.stamp_ns)
-            found = self._estimate.update(returns, T_odom_base, self._landmarks)
+        ends = np.ascontiguousarray(se3.transform_points(given.T_map_odom, beams.ends))
+        self._window.add(replace(beams, ends=ends), given.stamp_ns)
+        if self._window.is_due(self._distance, given.stamp_ns):
+            returns = self._window.take(self._distance, given.stamp_ns)
+            found = self._estimate.update(returns, self._given, self._landmarks)
             self._is_sure = found.reason not in CONTRADICTIONS
             if self._is_sure:
                 self._window.confirm()
-        if self._is_apart(before.T_map_odom, T_odom_base):
+        if is_apart(self._given, self._estimate.T_map_odom @ self._given):
             self.disagreed += travelled
-            self._estimate = self._begun_at(before.T_map_odom)
-            return before
-        return before._replace(T_map_odom=self._estimate.T_map_odom, is_sure=self._is_sure)
+            self._estimate = self._begun()
+            return given
+        T_map_odom = self._estimate.T_map_odom @ given.T_map_odom
+        return given._replace(T_map_odom=T_map_odom, is_sure=self._is_sure)
 
-    def _begun_at(self, T_map_odom: se3.Matrix) -> ScanFilter:
+    def _begun(self) -> ScanFilter:
         errors = unknown_errors(self._params) if self._estimate is None else self._estimate.errors
-        return ScanFilter(self._params, T_map_odom, _START, errors)
+        return ScanFilter(self._params, np.eye(4), _START, errors)
 
-    def _is_apart(self, T_map_odom: se3.Matrix, T_odom_base: se3.Matrix) -> bool:
-        assert self._estimate is not None
-        apart = self._estimate.T_map_odom @ se3.inverse(T_map_odom)
-        moved = ((apart - np.eye(4)) @ T_map_odom @ T_odom_base)[:2, 3]
-        turn = abs(se3.yaw(apart))
-        return float(np.hypot(*moved)) > _APART or turn > _APART_YAW
+
+def is_apart(one: se3.Matrix, other: se3.Matrix) -> bool:
+    """Whether two poses (4, 4) of the robot are too far apart for both to be right."""
+    turn = abs(se3.yaw(other @ se3.inverse(one)))
+    return bool(np.hypot(*(other - one)[:2, 3]) > _APART) or turn > _APART_YAW

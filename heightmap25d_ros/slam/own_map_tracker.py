@@ -27,6 +27,7 @@ from heightmap25d_ros.localization.short_term import distance_travelled
 from heightmap25d_ros.localization.tracking_state import CONTRADICTIONS
 from heightmap25d_ros.mapping.sensor_model import Beams
 from heightmap25d_ros.params.sections import Params
+from heightmap25d_ros.slam.bundle import Keyframe
 from heightmap25d_ros.slam.drift import Drift, carried
 from heightmap25d_ros.slam.loop_closure import (
     Found,
@@ -47,6 +48,7 @@ _WAIT_NS = 200_000_000  # after which scans are inserted without another update
 _QUERY_DISTANCE = 8.0  # [m] of submaps in a robot's surroundings, when they are searched for
 _QUERY_VIEWS, _VIEW_DISTANCE, _VIEW_RETURNS = 12, 0.5, 300  # windows of returns that prove a loop
 _IN_DOUBT = 1.0  # [m] travelled in contradiction to the map, without a new one being begun
+_KEYFRAME_DISTANCE, _KEYFRAME_RETURNS = 0.08, 600  # [m] from one to the next
 _MOSTLY_KNOWN = 0.3  # share of the returns, below which the map is used anew at once
 
 
@@ -115,12 +117,13 @@ class OwnMapTracker:
         Time of a search for loops between two scans; all at once by default, so that the result
         does not depend on the machine.
     is_recording : bool
-        Whether `placed` is kept, which grows with time.
+        Whether `placed` and `keyframes` are kept, which grow with time.
 
     Attributes
     ----------
     attempts : list of LoopAttempt
     placed : list of Placed
+    keyframes : list of Keyframe
     estimate : ScanFilter
         The correction of the odometry; its covariance is that to the active submaps.
     distance : float [m]
@@ -152,6 +155,7 @@ class OwnMapTracker:
         self._map = SubmapGraph(params, saved)
         self.attempts: list[LoopAttempt] = []
         self.placed: list[Placed] = []
+        self.keyframes: list[Keyframe] = []
         self.estimate = ScanFilter(
             params,
             np.eye(4) if T_map_odom is None else T_map_odom,
@@ -164,7 +168,7 @@ class OwnMapTracker:
         self._views: deque[_View] = deque(maxlen=_QUERY_VIEWS)
         self._T_odom_base: se3.Matrix | None = None
         self._landmarks: Landmarks | None = None
-        self._refreshed = self._submap_begun = self._viewed = -np.inf
+        self._refreshed = self._submap_begun = self._viewed = self._kept = -np.inf
         self._agreed = 0.0  # [m] travelled at the last update that the map did not contradict
         self._observed = 0.0  # [m] travelled at the last one that observed something
         self._is_contradicted = False
@@ -286,10 +290,22 @@ class OwnMapTracker:
         if found.reason not in CONTRADICTIONS:
             self._window.confirm()
         self._drift.see(found)
+        if self._is_recording and self.distance - self._kept >= _KEYFRAME_DISTANCE:
+            self._keep(returns)
         if self.distance - self._viewed >= _VIEW_DISTANCE:
             self._viewed = self.distance
             some = returns[:: 1 + len(returns) // _VIEW_RETURNS]
             self._views.append(_View(some, len(self.submaps) - 1, self._T_submap_odom()))
+
+    def _keep(self, returns: Array) -> None:
+        """Keep a moment of the drive, with its returns."""
+        assert self._T_odom_base is not None
+        self._kept = self.distance
+        some = returns[:: 1 + len(returns) // _KEYFRAME_RETURNS].astype(np.float32)
+        self.keyframes.append(Keyframe(
+            len(self.placed) + len(self._waiting) - 1, len(self.submaps) - 1,
+            self._T_submap_odom(), self._T_odom_base, some,
+        ))  # fmt: skip
 
     def _T_submap_odom(self) -> se3.Matrix:
         T_submap_map = se3.inverse(self.submaps[-1].T_map_submap)

@@ -31,7 +31,7 @@ from heightmap25d_ros.grid.height_map import (
     Geometry,
     HeightMap,
 )
-from heightmap25d_ros.grid.levels import NO_UPPER
+from heightmap25d_ros.grid.levels import NO_UPPER, SAME_HEIGHT
 from heightmap25d_ros.kernels import kernel
 from heightmap25d_ros.params.sections import LevelsParams, TraversabilityParams
 from heightmap25d_ros.terrain.gap_filling import closed
@@ -121,6 +121,8 @@ class SurfaceStack:
         self._probability[at] = upper.probability
         for below in reversed(range(count - 1)):
             self._merge(below)
+        if count > 1:
+            self._hang()
 
     def _merge(self, below: int) -> None:
         """Unite surfaces of a layer with those above that are too near to them."""
@@ -131,6 +133,23 @@ class SurfaceStack:
         self._bottom[below + 1 : -1, y, x] = self._bottom[below + 2 :, y, x]
         self.top[-1, y, x] = self._bottom[-1, y, x] = UNOBSERVED
         self._probability[-1, y, x] = 0
+
+    def _hang(self) -> None:
+        """Take the lowest surface for a deck where it fills a narrow hole in one.
+
+        The ground below was not seen there, as in a cell between two lines of a scan: it is unknown
+        and no wall, if what is known of it around is level.
+        """
+        is_deck = (self.top[1:] != UNOBSERVED).any(axis=0)
+        is_hole = closed(is_deck, self._reach) & ~is_deck & (self.top[0] != UNOBSERVED)
+        holes = np.argwhere(is_hole)
+        hangs = _hanging(self.top, holes, self._reach - 1, self._max_step, self._clear)
+        y, x = holes[hangs].T
+        for array in (self.top, self._probability):
+            array[1, y, x] = array[0, y, x]
+        self._bottom[1, y, x] = self.top[0, y, x]
+        self.top[0, y, x] = UNOBSERVED
+        self._probability[0, y, x] = 0
 
     @property
     def footprint_cells(self) -> int:
@@ -207,9 +226,11 @@ class SurfaceStack:
             seed = _seed(self.top, self._bottom, state, self._max_step, self._clear, least_cells)
             if seed[0] == _NONE:
                 break
-            found.append(self.followed(seed))
-            y, x = np.nonzero(found[-1].layer != _NONE)
-            state[found[-1].layer[y, x], y, x] = _COVERED
+            walked = self._walk(seed)
+            found.append(self._slice(self._completed(walked)))
+            for layer in (walked, found[-1].layer):
+                y, x = np.nonzero(layer != _NONE)
+                state[layer[y, x], y, x] = _COVERED
         return found or [self.lowest()]
 
     def _walk(self, start: tuple[int, int, int]) -> NDArray[np.int8]:
@@ -218,21 +239,28 @@ class SurfaceStack:
         return layer
 
     def _completed(self, layer: NDArray[np.int8]) -> NDArray[np.int8]:
-        """With what the walk does not reach, as seen from the nearest surface that it does.
-
-        In a narrow gap of an upper surface, what lies a clear height or more below it is not on its
-        level, on which the gap is unknown.
-        """
+        """With what the walk does not reach, as seen from the nearest surface that it does."""
         y, x = ndimage.distance_transform_edt(
             layer == _NONE, return_distances=False, return_indices=True
         )
         z = self.top[layer[y, x], y, x]
         result = layer.copy()
-        is_gap = closed(layer > 0, self._reach)
         for number, (top, bottom) in enumerate(zip(self.top, self._bottom, strict=True)):
             is_met = (top != UNOBSERVED) & (bottom < z + self._clear)
-            is_met &= ~(is_gap & (z - top >= self._clear))
             result[(layer == _NONE) & is_met] = number
+        return self._without_holes(result)
+
+    def _without_holes(self, layer: NDArray[np.int8]) -> NDArray[np.int8]:
+        """Without what is seen through narrow holes of a level: the level is unknown there.
+
+        Through a hole in a deck that is what lies a clear height or more below it, and through one
+        in the lowest surfaces what hangs as far above them.
+        """
+        result = layer.copy()
+        for around, own in ((layer > 0, layer == 0), (layer == 0, layer > 0)):
+            cells = np.argwhere(closed(around, self._reach) & own)
+            others = _of_other_level(self.top, layer, cells, self._reach - 1, self._clear)
+            result[tuple(cells[others].T)] = _NONE
         return result
 
     def _slice(self, layer: NDArray[np.int8]) -> Slice:
@@ -286,6 +314,57 @@ def _nearest(
     cost = np.where(tops != UNOBSERVED, away + _Z_WEIGHT * off, np.inf)
     layer, row, column = np.unravel_index(cost.argmin(), cost.shape)
     return int(layer), int(row), int(column)
+
+
+@kernel
+def _hanging(top, cells, reach, max_step, clear):
+    """Whether the lowest surfaces of some cells (N, 2) have the height of a deck around them.
+
+    All other surfaces below the deck within the reach have to be level.
+    """
+    layers, rows, columns = top.shape
+    result = np.zeros(len(cells), np.bool_)
+    for i in range(len(cells)):
+        y, x = cells[i]
+        z = top[0, y, x]
+        is_beside, low, high = False, UNOBSERVED, -UNOBSERVED
+        for iy in range(max(y - reach, 0), min(y + reach + 1, rows)):
+            for ix in range(max(x - reach, 0), min(x + reach + 1, columns)):
+                for layer in range(layers):
+                    near = top[layer, iy, ix]
+                    if near != UNOBSERVED and near <= z - clear:
+                        low, high = min(low, near), max(high, near)
+                    elif layer and abs(near - z) <= SAME_HEIGHT:
+                        is_beside = True
+        result[i] = is_beside and low <= high <= low + max_step
+    return result
+
+
+@kernel
+def _of_other_level(top, layer, cells, reach, clear):
+    """Whether some cells (N, 2) of a slice have nothing of the level around them.
+
+    That is of the nearest cell on the other side of the lowest layer; a deck is above what is seen
+    through it, and hangs above what it is seen through.
+    """
+    layers, rows, columns = top.shape
+    result = np.zeros(len(cells), np.bool_)
+    for i in range(len(cells)):
+        y, x = cells[i]
+        is_deck = layer[y, x] > 0
+        least, z = rows + columns, UNOBSERVED
+        for iy in range(max(y - reach, 0), min(y + reach + 1, rows)):
+            for ix in range(max(x - reach, 0), min(x + reach + 1, columns)):
+                away = abs(iy - y) + abs(ix - x)
+                is_other = layer[iy, ix] != _NONE and (layer[iy, ix] > 0) != is_deck
+                if is_other and away < least:
+                    least, z = away, top[layer[iy, ix], iy, ix]
+        above = z - top[layer[y, x], y, x]
+        result[i] = z != UNOBSERVED and (-above if is_deck else above) >= clear
+        for number in range(layers):
+            if abs(top[number, y, x] - z) < clear:
+                result[i] = False
+    return result
 
 
 @kernel

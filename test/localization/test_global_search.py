@@ -125,7 +125,7 @@ def test_budgets_are_kept():
     rng = np.random.default_rng(12)
     place = boxes(rng, 60)
     seen, over = short_term(place, rng, np.zeros(3)), long_term(place, rng)
-    few = dataclasses.replace(PARAMS, search_nodes=1000)
+    few = dataclasses.replace(PARAMS, search_nodes=100)
     ended = relocalize(seen, over, few)
     assert ended.reason is Reason.UNFINISHED
     assert ended.nodes < 1000 + 25_000

@@ -19,7 +19,7 @@ from heightmap25d_ros.io import decode, encode, map_directory
 from heightmap25d_ros.mapping.drop_offs import DropOffs
 from heightmap25d_ros.mapping.mapper import Mapper
 from heightmap25d_ros.mapping.scan import Scan
-from heightmap25d_ros.mapping.sensor_model import beams, voids
+from heightmap25d_ros.mapping.sensor_model import Beams, beams, voids
 from heightmap25d_ros.params.sections import MapperParams, PlannerParams, TraversabilityParams
 from heightmap25d_ros.planning.plan import Pose2D
 from heightmap25d_ros.planning.planner import Planner
@@ -172,6 +172,25 @@ def test_a_cell_that_is_seen_is_suspected_no_more(cliff):
     assert after.known[cell]
     assert after.metres[cell] == pytest.approx(-2.0)
     assert after.suspected.sum() == before.suspected.sum() - 1
+
+
+@pytest.mark.parametrize("doubt", [0, 100])
+def test_it_takes_two_beams_and_until_then_the_height_is_that_of_any_unknown_cell(doubt):
+    ground = HeightMap.from_metres([[0.0] * 8 + [0.3] * 8])
+    doubted = np.where(np.arange(16) < 8, ground.probability, np.uint16(doubt))
+    grid = HeightGrid()
+    grid.write(replace(ground, probability=doubted))
+    drop_offs = DropOffs(grid, TraversabilityParams(drop_offs="may"), 0.5)
+    over_the_edge = Beams(
+        origins=np.array([[0.1, 0.1, 0.5]]), ends=np.array([[2.1, 0.1, -0.5]]),
+        is_hit=np.ones(1, bool), is_lone=np.zeros(1, bool),
+    )  # fmt: skip
+    for told in (1, 2):
+        drop_offs.integrate(over_the_edge)
+        height_map = grid.read()
+        shadow = height_map.height[0, 8:11]  # up to where the beam is 0.11 m below the edge
+        assert height_map.suspected[0].any() == (told == 2)
+        assert (shadow == (SUSPECTED if told == 2 else 0)).all()
 
 
 def test_they_are_saved_and_sent_with_the_heights(cliff, tmp_path):

@@ -40,6 +40,11 @@ assert compiled() == before, set(compiled().items()) - set(before.items())
 OF_LOCALIZATION = """
 from pathlib import Path
 import numpy as np
+from heightmap25d_ros.grid.height_map import HeightMap
+from heightmap25d_ros.localization.global_search import Prior, relocalize
+from heightmap25d_ros.localization.matching import RegistrationPoints
+from heightmap25d_ros.localization.registration import Reason
+from heightmap25d_ros.localization.surface import surface_of
 from heightmap25d_ros.pipelines.localization import Localizer, compile_kernels
 from heightmap25d_ros.io import layers_file, map_directory
 height_map = map_directory.load(sys.argv[2]).height_map
@@ -54,6 +59,13 @@ with Bag(sys.argv[1]) as bag:
         attempts += 1
         if attempts == 600:
             localizer.begin_at(np.array([1.0, 1.0, 0.0, 0.5]))
+# A search of a flat map, in which there are more places than are kept.
+rng = np.random.default_rng(1)
+xyz = np.column_stack([rng.uniform(-3.0, 3.0, (200, 2)), np.zeros(200)])
+points = RegistrationPoints(xyz, np.zeros(200, bool), np.ones(200))
+flat = surface_of(HeightMap.from_metres(np.zeros((300, 300))), params.registration.edge_step)
+for prior in (None, Prior(15.0, 15.0, 3.0, turn=0.2)):
+    assert relocalize(points, flat, params.registration, prior).reason is Reason.AMBIGUOUS
 assert compiled() == before, set(compiled().items()) - set(before.items())
 # Called where scans contradict the map, which those of this drive do not.
 assert before["heightmap25d_ros.localization.scan_search", "_score"]

@@ -56,6 +56,57 @@ def test_ground_below_a_deck_that_nothing_has_seen_is_unknown():
     assert heights(stack.followed((0, 0, 0))) == [0, -999, 0]
 
 
+def plate(lowest, holes=(), z=240, side=9):
+    """A deck over all cells of a square, but for holes, above what is lowest there [m]."""
+    cells = [tuple(cell) for cell in np.ndindex(side, side) if tuple(cell) not in holes]
+    ground = np.zeros((side, side))
+    for cell, height in lowest.items():
+        ground[cell] = height
+    return SurfaceStack(replace(HeightMap.from_metres(ground), upper=deck(z, cells=cells)))
+
+
+@pytest.mark.parametrize("holes", [[(4, 4)], [(4, 4), (4, 5), (5, 4)]])
+def test_where_the_ground_below_a_deck_was_not_seen_in_a_narrow_place_it_is_no_wall(holes):
+    stack = plate(dict.fromkeys(holes, 2.4), holes)
+    below, above = stack.followed((0, 0, 0)).height_map, stack.followed((1, 0, 0)).height_map
+    assert [below.known[cell] for cell in holes] == [False] * len(holes)
+    assert [above.height[cell] for cell in holes] == [240] * len(holes)
+    assert len(stack.slices(9)) == 2
+
+
+@pytest.mark.parametrize(
+    ("holes", "others"),
+    [
+        ([(y, x) for y in (3, 4, 5) for x in (3, 4, 5)], {}),  # too wide: nobody knows
+        ([(4, 4)], {(4, 5): 0.4}),  # what stands beside it was seen from below: a pillar
+        ([(4, 4)], {(4, 4): 2.8}),  # no deck: it is higher
+    ],
+)
+def test_what_may_be_a_pillar_stays_one(holes, others):
+    stack = plate({**dict.fromkeys(holes, 2.4), **others}, holes)
+    below = stack.followed((0, 0, 0)).height_map
+    assert below.known[4, 4]
+    assert below.height[4, 4] >= 240
+
+
+def test_ground_that_is_seen_through_a_hole_in_a_deck_is_not_on_its_level():
+    """Though a ramp leads down to it, by which the walk comes to it first."""
+    ground = np.zeros((9, 40))
+    ground[:, 9:36] = np.linspace(2.4, 0.0, 27)
+    cells = [cell for cell in np.ndindex(9, 9) if cell != (4, 4)]
+    stack = SurfaceStack(replace(HeightMap.from_metres(ground), upper=deck(240, cells=cells)))
+    found = stack.followed((1, 0, 0)).height_map
+    assert not found.known[4, 4]
+    assert (found.height[:, :9][found.known[:, :9]] == 240).all()
+    beside = stack.followed((0, 0, 0)).height_map
+    assert beside.height[4, 4] == 0
+
+
+def test_a_crevice_in_solid_ground_stays_one():
+    stack = row(0.0, 0.0, 0.0, -2.0, 0.0, 0.0, 0.0, upper=deck(500))
+    assert heights(stack.followed((0, 0, 0))) == [0, 0, 0, -200, 0, 0, 0]
+
+
 def test_a_wall_that_a_deck_joins_stays_one():
     stack = row(0.0, 0.0, 1.9, upper=deck(240, 210, [(0, 1), (0, 2)]))
     assert heights(stack.followed((0, 0, 0))) == [0, 0, 240]

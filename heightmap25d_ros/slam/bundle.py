@@ -1,0 +1,230 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""All poses of a stretch of a drive together, with the surface that they have seen: a bundle.
+
+Localization on one's own map takes the map for known, as far as it goes: what a pose errs is in all
+that is seen later, and an error of the heading confirms itself. Here neither poses nor surface are
+known. Poses are joined by what returns tell (`patches`) and by the odometry, whose slip, scales and
+heading bias are unknowns as well, as in the scan filter. Gauss-Newton steps; what is on one patch
+is found anew before each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from heightmap25d_ros import se3
+from heightmap25d_ros.arrays import Array
+from heightmap25d_ros.params.sections import ScanFilterParams
+from heightmap25d_ros.slam.patches import STATES, NormalEquations, add_patches
+
+WINDOW, _OVERLAP = 400, 120
+"""Keyframes that are refined together at most."""
+
+_STEPS, _CONVERGED = 10, 1e-3  # Gauss-Newton steps at most; [m] rms of the last one
+_FIRST_TOLERANCE, _NARROWING, _LAST_TOLERANCE = 0.12, 0.6, 0.04  # [m] from a patch
+_REACH = 16.0  # [m] in the plane, from the robot to returns that are used
+_START = (1e-3, 1e-3, 1e-3, 1e-3)  # [m], [m], [rad], [m] deviation of the first pose
+_RADIAN = 0.5  # [m] of distance that turning by a radian drifts like
+_LEAST_VARIANCE = 1e-9
+_X, _Y, _YAW, _Z, _ROLL, _PITCH, _SLIP = range(STATES)
+_MOVED = [_X, _Y, _Z]
+
+
+class Keyframe(NamedTuple):
+    """A moment of the drive.
+
+    Attributes
+    ----------
+    scan : int
+        Number of the last scan up to it.
+    submap : int
+    T_submap_odom, T_odom_base : (4, 4) float64
+        As localization on the own map has found it.
+    returns : (N, 3) float32 [m, odom]
+    """
+
+    scan: int
+    submap: int
+    T_submap_odom: se3.Matrix
+    T_odom_base: se3.Matrix
+    returns: NDArray[np.float32]
+
+
+class Refined(NamedTuple):
+    """What a bundle tells of keyframes.
+
+    Attributes
+    ----------
+    T_map_odom : (K, 4, 4) float64
+        Of the odometry's frame: shifted, and turned by a yaw.
+    tilts : (K, 2) float64 [rad]
+        About the axes x and y of the map, to be added to roll and pitch of the robot.
+    """
+
+    T_map_odom: se3.Matrix
+    tilts: Array
+
+
+def refined(
+    keyframes: Sequence[Keyframe], T_map_odom: se3.Matrix, params: ScanFilterParams
+) -> Refined:
+    """Refine all keyframes together.
+
+    Parameters
+    ----------
+    keyframes : sequence of Keyframe
+        Of one drive, in order.
+    T_map_odom : (K, 4, 4) float64
+        Where the odometry's frame is thought to be; the first one stays.
+    params : ScanFilterParams
+    """
+    found, tilts = T_map_odom.copy(), np.zeros((len(keyframes), 2))
+    last = max(len(keyframes) - WINDOW, 0)
+    for begin in [*range(0, last, WINDOW - _OVERLAP), last]:
+        part = np.s_[begin : begin + WINDOW]
+        moved = _Stretch(keyframes[part], T_map_odom[part], params).solved()
+        skipped = _OVERLAP // 2 if begin else 0
+        kept = np.s_[begin + skipped : begin + WINDOW]
+        joint = found[begin + skipped] @ se3.inverse(moved.T_map_odom[skipped])
+        found[kept], tilts[kept] = joint @ moved.T_map_odom[skipped:], moved.tilts[skipped:]
+    return Refined(found, tilts)
+
+
+class _Steps(NamedTuple):
+    """What odometry tells from one pose to the next: (K,) each, seen from the first of the two."""
+
+    forward: Array
+    aside: Array
+    climb: Array
+    turn: Array
+
+    @property
+    def distance(self) -> Array:
+        return np.hypot(self.forward, self.aside)
+
+    @classmethod
+    def of(cls, T_odom_base: se3.Matrix) -> _Steps:
+        x, y, z, _, _, yaw = se3.to_xyz_rpy(T_odom_base).T
+        dx, dy, cos, sin = np.diff(x), np.diff(y), np.cos(yaw[:-1]), np.sin(yaw[:-1])
+        turn = np.angle(np.exp(1j * np.diff(yaw)))
+        return cls(cos * dx + sin * dy, cos * dy - sin * dx, np.diff(z), turn)
+
+
+class _Stretch:
+    """Keyframes that are refined together."""
+
+    def __init__(
+        self, keyframes: Sequence[Keyframe], T_map_odom: se3.Matrix, params: ScanFilterParams
+    ) -> None:
+        self._params, self._T_map_odom = params, T_map_odom
+        T_odom_base = np.array([keyframe.T_odom_base for keyframe in keyframes])
+        self._T_map_base = T_map_odom @ T_odom_base
+        self._steps = _Steps.of(T_odom_base)
+        seen = [
+            se3.transform_points(T, keyframe.returns.astype(np.float64)) - at
+            for T, keyframe, at in zip(
+                T_map_odom, keyframes, self._T_map_base[:, :3, 3], strict=True
+            )
+        ]
+        pose_of = np.repeat(np.arange(len(seen)), [len(part) for part in seen])
+        points = np.concatenate(seen)
+        is_near = np.hypot(points[:, 0], points[:, 1]) < _REACH
+        self._returns, self._pose_of = points[is_near], pose_of[is_near]
+        self._errors = np.zeros((len(seen), STATES))
+        self._constants = np.zeros(3)  # scales of distances and of turns, heading bias
+
+    def solved(self) -> Refined:
+        """Take steps until they are short."""
+        tolerance = _FIRST_TOLERANCE
+        for _ in range(_STEPS):
+            step = self._step(tolerance)
+            is_narrow = tolerance == _LAST_TOLERANCE
+            tolerance = max(_NARROWING * tolerance, _LAST_TOLERANCE)
+            if is_narrow and np.sqrt(np.mean(np.square(step[:, :2]))) < _CONVERGED:
+                break
+        T_map_odom = [
+            se3.correction_about(pose, error[_MOVED], error[_YAW]) @ T
+            for pose, error, T in zip(self._T_map_base, self._errors, self._T_map_odom, strict=True)
+        ]
+        return Refined(np.array(T_map_odom), self._errors[:, [_ROLL, _PITCH]])
+
+    def _step(self, tolerance: float) -> Array:
+        """Take one step; what was added to the states (K, 7)."""
+        size = self._errors.size + len(self._constants)
+        equations = NormalEquations(np.zeros((size, size)), np.zeros(size))
+        share = 1.0 / self._params.returns_per_information
+        positions = self._T_map_base[:, :3, 3] + self._errors[:, _MOVED]
+        add_patches(self._seen(), positions, self._pose_of, share, tolerance, equations)
+        self._add_odometry(positions, equations)
+        self._add_priors(equations)
+        factor = linalg.cho_factor(equations.matrix, overwrite_a=True, check_finite=False)
+        step = -linalg.cho_solve(factor, equations.gradient)
+        of_poses, of_constants = np.split(step, [self._errors.size])
+        self._constants += of_constants
+        self._errors += of_poses.reshape(self._errors.shape)
+        return np.asarray(of_poses.reshape(self._errors.shape))
+
+    def _seen(self) -> Array:
+        """The returns (N, 3) [m] from the robot, along the axes of the map."""
+        x, y, z = self._returns.T
+        error = self._errors[self._pose_of]
+        cos, sin = np.cos(error[:, _YAW]), np.sin(error[:, _YAW])
+        u, v = cos * x - sin * y, sin * x + cos * y
+        return np.column_stack([u, v, z + error[:, _ROLL] * v - error[:, _PITCH] * u])
+
+    def _add_odometry(self, positions: Array, equations: NormalEquations) -> None:
+        """Add what the odometry tells from each pose to the next."""
+        params, (forward, aside, climb, turn) = self._params, self._steps
+        count, distance = len(turn), self._steps.distance
+        scale, turn_scale, bias = self._constants
+        yaw = se3.to_xyz_rpy(self._T_map_base)[:, 5] + self._errors[:, _YAW]
+        cos, sin = np.cos(yaw[:-1]), np.sin(yaw[:-1])
+        dx, dy = cos * forward - sin * aside, sin * forward + cos * aside
+        slip = self._errors[:, _SLIP]
+        told, kept = 1.0 + slip[:-1] + scale, np.exp(-distance / params.slip_length)
+        moved = np.diff(positions, axis=0)
+        turned = np.diff(yaw) - turn * (1.0 + turn_scale) - bias * forward
+        residual = np.column_stack([
+            moved[:, 0] - told * dx, moved[:, 1] - told * dy,
+            np.angle(np.exp(1j * turned)), moved[:, 2] - told * climb, slip[1:] - kept * slip[:-1],
+        ])  # fmt: skip
+        rows = np.zeros((count, 5, 2 * STATES + 3))
+        for k, state in enumerate((_X, _Y, _YAW, _Z, _SLIP)):
+            rows[:, k, state], rows[:, k, STATES + state] = -1.0, 1.0
+        rows[:, 0, _YAW], rows[:, 1, _YAW] = told * dy, -told * dx
+        for k, step in ((0, dx), (1, dy), (3, climb)):
+            rows[:, k, _SLIP] = rows[:, k, 2 * STATES] = -step
+        rows[:, 2, 2 * STATES + 1], rows[:, 2, 2 * STATES + 2] = -turn, -forward
+        rows[:, 4, _SLIP] = -kept
+        drift = distance + _RADIAN * np.abs(turn)
+        variance = _LEAST_VARIANCE + np.column_stack([
+            params.position_drift**2 * drift, params.position_drift**2 * drift,
+            params.yaw_drift**2 * distance + params.turn_noise**2 * np.abs(turn),
+            params.z_drift**2 * distance, (1.0 - kept**2) * params.slip**2,
+        ])  # fmt: skip
+        constants = self._errors.size + np.arange(3)
+        for k in range(count):
+            index = np.concatenate([STATES * k + np.arange(2 * STATES), constants])
+            weighted = rows[k] / variance[k, :, None]
+            equations.matrix[np.ix_(index, index)] += rows[k].T @ weighted
+            equations.gradient[index] += weighted.T @ residual[k]
+
+    def _add_priors(self, equations: NormalEquations) -> None:
+        """Add what is known before: where the drive begins, tilts and constants of the odometry."""
+        params = self._params
+        deviation = np.full(self._errors.shape, np.inf)
+        deviation[:, [_ROLL, _PITCH]] = params.tilt_noise
+        deviation[0, :4] = _START
+        deviation[0, _SLIP] = params.slip
+        constants = params.distance_scale, params.turn_scale, params.heading_bias
+        values = np.concatenate([self._errors.ravel(), self._constants])
+        deviations = np.maximum(np.concatenate([deviation.ravel(), constants]), _LEAST_VARIANCE)
+        precision = deviations**-2
+        equations.matrix[np.diag_indices(len(values))] += precision
+        equations.gradient[:] += precision * values

@@ -1,0 +1,228 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Patches of the surface, which are not known either, and what they tell of poses together.
+
+Returns of all poses of a drive are sorted into cubes. Where those of a cube are of one plane, each
+is held to it, with the plane's offset and its tilts as unknowns of their own. These are eliminated
+from the normal equations (Schur complement), so that what remains is what returns tell of poses
+*beside one another*, as in the bundle adjustment of planes (Liu and Zhang 2021, BALM).
+
+What a level laser sees of a wall and of a slope looks the same: a row at one height. A row is taken
+for a wall, unless it moves up the slope by more than the robot's pitch would move it on a wall.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from heightmap25d_ros.arrays import Array
+from heightmap25d_ros.kernels import inlined_kernel, kernel
+
+STATES = 7
+"""Of each pose in the normal equations: x, y, yaw, z, roll, pitch, slip."""
+
+_SIZES = (0.25, 0.5)  # [m] sides of the cubes
+_LEAST_RETURNS = 12
+_LEAST_INLIERS = 0.6  # share of the returns
+_FITS = 3
+_MOST_ACROSS = 0.03  # [m] standard deviation across a patch
+_ROW = 0.015  # [m] added to the heights' standard deviation: a row of returns stands upright
+_LEAST_LONG = 0.04  # [m] standard deviation along a patch
+_LEAST_FLATNESS = 4.0  # variance along the shorter axis of a patch over that across it
+_STEEP = 0.7  # vertical component of the normal, up to which a patch is steep
+_NOISE, _GROUND_NOISE = 0.015, 0.025  # [m] of a return from a patch that is steep, or not
+_FREE = (1e-3, 1.0, 1.0)  # precision of offset [1/m^2] and tilts [1/rad^2], for an inverse
+
+
+class NormalEquations(NamedTuple):
+    """Of the errors of poses: ``matrix @ errors + gradient = 0``.
+
+    Attributes
+    ----------
+    matrix : (D, D) float64
+        `STATES` rows for each pose, and those of what is common to all. It is symmetric: what is
+        below the diagonal is not used.
+    gradient : (D,) float64
+    """
+
+    matrix: Array
+    gradient: Array
+
+
+def add_patches(
+    seen: Array,
+    positions: Array,
+    pose_of: NDArray[np.int64],
+    share: float,
+    tolerance: float,
+    equations: NormalEquations,
+) -> int:
+    """Add what returns tell of the poses that they were seen from.
+
+    Parameters
+    ----------
+    seen : (N, 3) float64 [m]
+        Returns as seen from the robot, along the axes of the map.
+    positions : (P, 3) float64 [m, map]
+        Of the robot.
+    pose_of : (N,) int64
+        From which pose each was seen.
+    share : float
+        Of its information that a return counts, since returns of a moment err alike.
+    tolerance : float [m]
+        Distance from a patch at which returns count little (Geman-McClure).
+    equations : NormalEquations
+        To which it is added.
+
+    Returns
+    -------
+    int
+        Number of patches.
+    """
+    at = seen + positions[pose_of]
+    settings = share / len(_SIZES), tolerance**2
+    used = 0
+    for size, shift in itertools.product(_SIZES, (0.0, 0.5)):  # what a border cuts is whole once
+        order, starts = _by_cube(at / size + shift, pose_of)
+        used += _add(
+            at[order], seen[order], pose_of[order], starts, settings,
+            equations.matrix, equations.gradient,
+        )  # fmt: skip
+    return used
+
+
+def _by_cube(at: Array, pose_of: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Order of returns by cube and pose, and where each cube begins; the last one ends there."""
+    index = np.floor(at).astype(np.int64)
+    index -= index.min(axis=0)
+    cube = np.ravel_multi_index(tuple(index.T), tuple(index.max(axis=0) + 1))
+    order = np.lexsort((pose_of, cube))
+    starts = np.flatnonzero(np.diff(cube[order], prepend=-1, append=-1))
+    return order, starts
+
+
+@kernel
+def _add(at, seen, pose_of, starts, settings, matrix, gradient):
+    weights = np.empty(len(at))
+    centre, spread, axes = np.empty(3), np.empty(3), np.empty((3, 3))
+    used = 0
+    for cube in range(len(starts) - 1):
+        first, end = starts[cube], starts[cube + 1]
+        if end - first < _LEAST_RETURNS or pose_of[first] == pose_of[end - 1]:
+            continue
+        part = at[first:end]
+        if _fit(part, settings[1], weights[: end - first], centre, spread, axes):
+            _add_patch(
+                part, seen[first:end], pose_of[first:end], centre, spread[0], axes, settings,
+                matrix, gradient,
+            )  # fmt: skip
+            used += 1
+    return used
+
+
+@kernel
+def _fit(at, tolerance, weights, centre, spread, axes):
+    """Whether returns are of a steep patch; its centre, the axes (rows), the variances along them.
+
+    The first axis is the normal.
+    """
+    weights[:] = 1.0
+    for _ in range(_FITS):
+        total = weights.sum()
+        centre[:] = 0.0
+        for i in range(len(at)):
+            centre += weights[i] / total * at[i]
+        scatter = np.zeros((3, 3))
+        for i in range(len(at)):
+            for a in range(3):
+                for b in range(3):
+                    scatter[a, b] += (
+                        weights[i] / total * (at[i, a] - centre[a]) * (at[i, b] - centre[b])
+                    )
+        scatter[2, 2] += _ROW**2
+        values, columns = np.linalg.eigh(scatter)
+        spread[:], axes[:, :] = values, columns.T
+        for i in range(len(at)):
+            distance = np.dot(axes[0], at[i] - centre)
+            weights[i] = 1.0 / (1.0 + distance**2 / tolerance) ** 2
+    spread[0] -= (_ROW * axes[0, 2]) ** 2
+    spread[0] = max(spread[0], 0.0)
+    return (
+        total >= _LEAST_INLIERS * len(at)
+        and spread[0] <= _MOST_ACROSS**2
+        and spread[1] >= _LEAST_FLATNESS * spread[0]
+        and spread[2] >= _LEAST_LONG**2
+    )
+
+
+@kernel
+def _add_patch(  # noqa: PLR0913
+    at, seen, pose_of, centre, across, axes, settings, matrix, gradient,
+):  # fmt: skip
+    """Hold returns to a patch whose offset and tilts are eliminated."""
+    share, tolerance = settings
+    poses = _count(pose_of)
+    common, of_pose = np.zeros((poses, 6, 3)), np.zeros((poses, 6))
+    of_patch, patch_gradient = np.diag(np.array(_FREE)), np.zeros(3)
+    numbers = np.empty(poses, np.int64)
+    row, patch_row = np.empty(6), np.empty(3)
+    noise = _NOISE if abs(axes[0, 2]) < _STEEP else _GROUND_NOISE
+    information, k = share / (noise**2 + across), -1
+    for i in range(len(at)):
+        if k < 0 or pose_of[i] != numbers[k]:
+            k += 1
+            numbers[k] = pose_of[i]
+        residual = _rows(at[i], seen[i], centre, axes, row, patch_row)
+        weight = information / (1.0 + residual**2 / tolerance) ** 2
+        begin = STATES * pose_of[i]
+        for a in range(6):
+            of_pose[k, a] += weight * row[a] * residual
+            for b in range(6):
+                matrix[begin + a, begin + b] += weight * row[a] * row[b]
+            for b in range(3):
+                common[k, a, b] += weight * row[a] * patch_row[b]
+        for a in range(3):
+            patch_gradient[a] += weight * patch_row[a] * residual
+            for b in range(3):
+                of_patch[a, b] += weight * patch_row[a] * patch_row[b]
+    inverse = np.linalg.inv(of_patch)
+    for k in range(poses):
+        eliminated = common[k] @ inverse
+        begin = STATES * numbers[k]
+        gradient[begin : begin + 6] += of_pose[k] - eliminated @ patch_gradient
+        for j in range(k, poses):
+            _subtract(eliminated, common[j], matrix, begin, STATES * numbers[j])
+
+
+@inlined_kernel
+def _subtract(one, other, matrix, row, column):
+    """Subtract the product of one (6, 3) and the other (6, 3) transposed from a block."""
+    for a in range(6):
+        for b in range(6):
+            matrix[row + a, column + b] -= (
+                one[a, 0] * other[b, 0] + one[a, 1] * other[b, 1] + one[a, 2] * other[b, 2]
+            )
+
+
+@inlined_kernel
+def _count(pose_of):
+    """How many poses there are in a sorted list."""
+    return 1 + np.count_nonzero(pose_of[1:] != pose_of[:-1])
+
+
+@inlined_kernel
+def _rows(at, seen, centre, axes, row, patch_row):
+    """Distance of a return from its patch; how the errors of pose and patch change it."""
+    x, y, z = at - centre
+    normal = axes[0]
+    row[0], row[1], row[3] = normal[0], normal[1], normal[2]
+    row[2] = normal[1] * seen[0] - normal[0] * seen[1]
+    row[4], row[5] = normal[2] * seen[1], -normal[2] * seen[0]
+    patch_row[0] = -1.0
+    patch_row[1] = axes[1, 0] * x + axes[1, 1] * y + axes[1, 2] * z
+    patch_row[2] = axes[2, 0] * x + axes[2, 1] * y + axes[2, 2] * z
+    return normal[0] * x + normal[1] * y + normal[2] * z
