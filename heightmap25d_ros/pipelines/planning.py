@@ -107,6 +107,12 @@ class Planning:
             else ""
         )
 
+    @property
+    def trouble(self) -> str:
+        """Why nobody should follow the plan, or ask for one; else empty."""
+        problem = "" if self._over_map is None else self._over_map.problem
+        return self.staleness or problem
+
     def take_correction(self, message: Any) -> None:
         """Take a geometry_msgs/PoseWithCovarianceStamped: the pose of odom in the map."""
         self._frames.take_correction(message)
