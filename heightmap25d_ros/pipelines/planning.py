@@ -414,6 +414,7 @@ def _is_same(before: HeightMap, after: HeightMap) -> bool:
     """Whether two maps say the same of all cells."""
     return (
         before.geometry == after.geometry
+        and before.is_level == after.is_level
         and np.array_equal(before.known, after.known)
         and all(
             np.array_equal(getattr(before.upper, name), getattr(after.upper, name))
