@@ -15,6 +15,7 @@ from pathlib import Path
 import clouds
 import clouds_node
 import conversion
+import exploration
 import fast_lasers
 import localization
 import localization_node
@@ -73,6 +74,8 @@ TARGETS = {
     ("localization", "ours: median error of yaw [deg]"): ("<=", 0.2),
     ("localization", "ours: failures"): ("<=", 0.0),
     ("localization node", "not tracking at the end"): ("<=", 0.0),
+    ("exploration", "512^2: decision p95 [ms]"): ("<=", 50.0),
+    ("exploration", "2048^2: decision p95 [ms]"): ("<=", 250.0),
     ("planning node", "goals without a path"): ("<=", 0.0),
 }
 
@@ -86,6 +89,7 @@ def main() -> None:
         "memory": memory.measure(),
         "planning": planning.measure(),
         "localization": localization.measure(),
+        "exploration": exploration.measure(),
         "fast lasers": fast_lasers.measure(),
         "node": node.measure(),
         "clouds node": clouds_node.measure(),

@@ -3,7 +3,7 @@
 """How far a robot drives to explore a world, against a tour that knows the world beforehand.
 
 Usage: python studies/measure_exploration.py [-o DIRECTORY] [--worlds W ...] [--seeds N ...]
-       [--nearest | --decisions | --drift]
+       [--nearest | --drift]
 
 Each run is that of `heightmap25d explore`, with true poses, and ends by itself. Covered is the
 share of the true ground where the robot's middle may be, connected with the start, that is known
@@ -12,10 +12,6 @@ what a full turn shows from them covers the same share, ordered by 2-opt; it end
 
 --nearest runs the nearest frontier as well, by the rule of explore_lite (m-explore-ros2) with its
 defaults, over the same mapper, planner and controller.
-
---decisions measures instead, by CPU time, how long it takes to choose a place on maps of 512 x 512
-and of 2048 x 2048 cells, three quarters of them known, which change around the robot: the survey
-(the planner's graph, costs and frontiers) and the choice (gains and the tour).
 
 --drift runs it on drifting odometry, with localization in the map under construction
 (``localization.own_map``): errors of the pose, and F1 of the blocked transitions of the map.
@@ -39,13 +35,10 @@ from heightmap25d_ros.evaluation.map_error import evaluate_map
 from heightmap25d_ros.evaluation.path_drivability import evaluate_path
 from heightmap25d_ros.evaluation.truth import TrueGround, Truth
 from heightmap25d_ros.exploration.boundary import Boundary
-from heightmap25d_ros.exploration.explorer import Explorer
-from heightmap25d_ros.grid.height_map import Geometry, HeightMap
+from heightmap25d_ros.grid.height_map import Geometry
 from heightmap25d_ros.params import files
-from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.exploration_task import Task
 from heightmap25d_ros.pipelines.localization import Localizer
-from heightmap25d_ros.planning.plan import Pose2D
 from heightmap25d_ros.simulation import recording, truth
 from heightmap25d_ros.simulation.explored import SimulatedExploration
 from heightmap25d_ros.simulation.simulation import Simulation
@@ -173,10 +166,6 @@ def main() -> None:
     topics = tuple(f"/{topic}" for topic in params.intake.scan_topics)
     params = replace(params, intake=replace(params.intake, scan_topics=topics))
     lines = options.output / "runs.jsonl"
-    if options.decisions:
-        for side in (512, 2048):
-            report(decisions(side), lines)
-        return
     for name in options.worlds:
         for seed in options.seeds:
             run = Run(name, seed, params, has_drift=options.drift)
@@ -196,48 +185,6 @@ def main() -> None:
                 report(found, lines)
 
 
-def decisions(side, count=10):
-    """CPU times [ms] of choices by a robot in the known part of a large map; 95th percentiles.
-
-    Each on a map that has changed within 5 m of the robot, and, as ``new_ms``, the survey of a map
-    that is seen for the first time.
-    """
-    rng = np.random.default_rng(0)
-    height = rng.normal(0.0, 0.01, (side, side))
-    for _ in range(side * side // 3000):
-        y, x = rng.integers(0, side - 12, 2)
-        rows, columns = rng.integers(2, 12, 2)
-        height[y : y + rows, x : x + columns] += rng.choice([0.3, 1.5])
-    for _ in range(side * side // 20000):
-        y, x = rng.integers(0, side - 60, 2)
-        rows, columns = rng.integers(10, 60, 2)
-        height[y : y + rows, x : x + columns] = np.nan
-    height[:, 3 * side // 4 :] = np.nan
-    params, times = Params(), []
-    explorer = Explorer(params)
-    near = round(5.0 / truth.RESOLUTION)
-    for _ in range(count + 1):  # the first one compiles
-        x, y = rng.uniform(3.0, 0.7 * side * truth.RESOLUTION, 2)
-        robot = Pose2D(float(x), float(y), yaw=0.0)
-        rows, columns = (
-            slice(max(round(n / truth.RESOLUTION) - near, 0), round(n / truth.RESOLUTION) + near)
-            for n in (y, x)
-        )
-        height[rows, columns] += rng.normal(0.0, 0.01, height[rows, columns].shape)
-        height_map = HeightMap.from_metres(height, resolution=truth.RESOLUTION)
-        marks = [time.process_time()]
-        Explorer(params).survey(height_map, robot)
-        marks.append(time.process_time())
-        survey = explorer.survey(height_map, robot)
-        marks.append(time.process_time())
-        explorer.choose(survey)
-        marks.append(time.process_time())
-        times.append([*np.diff(marks), marks[-1] - marks[1]])
-    p95 = 1e3 * np.percentile(times[1:], 95, axis=0)
-    names = ("new_ms", "survey_ms", "choice_ms", "all_ms")
-    return {"cells": f"{side}^2", **dict(zip(names, p95.round(1).tolist(), strict=True))}
-
-
 def report(found, path):
     with path.open("a") as lines:
         lines.write(json.dumps(found) + "\n")
@@ -253,7 +200,6 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument(
         "--drift", action="store_true", help="odometry drifts: localization in the map that is made"
     )
-    made.add_argument("--decisions", action="store_true", help="measure the time of choices")
     return made
 
 

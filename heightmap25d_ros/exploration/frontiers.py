@@ -166,21 +166,3 @@ def viewpoints(costs: NDArray[np.float64], spacing: int) -> NDArray[np.int64]:
         Of the lattice, which begins with the first row and column.
     """
     return np.argwhere(np.isfinite(costs[::spacing, ::spacing])) * spacing
-
-
-def count_around(mask: Mask, cells: NDArray[np.int64], reach: int) -> NDArray[np.int64]:
-    """(N,): how many cells of a mask are within a square around each cell (N, 2)."""
-    rows, columns = mask.shape
-    sums = np.zeros((rows + 1, columns + 1), np.int32)
-    np.cumsum(mask, axis=1, dtype=np.int32, out=sums[1:, 1:])
-    for row in range(1, rows):  # in the order of memory, which numpy's own sum of rows is not
-        sums[row + 1] += sums[row]
-    low = np.clip(cells - reach, 0, (rows, columns))
-    high = np.clip(cells + reach + 1, 0, (rows, columns))
-    return np.asarray(
-        sums[high[:, 0], high[:, 1]]
-        - sums[low[:, 0], high[:, 1]]
-        - sums[high[:, 0], low[:, 1]]
-        + sums[low[:, 0], low[:, 1]],
-        np.int64,
-    )

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heightmap25d_ros.exploration import frontiers
-from heightmap25d_ros.exploration.boundary import Boundary, confined
+from heightmap25d_ros.exploration.boundary import Boundary
 from heightmap25d_ros.exploration.kept_graph import KeptGraph
 from heightmap25d_ros.exploration.looks import Looks
 from heightmap25d_ros.exploration.sight import Scenery
@@ -41,7 +41,7 @@ class Surveyor:
 
     def __init__(self, params: Params, boundary: Boundary, looks: Looks) -> None:
         self._params, self._boundary, self._looks = params, boundary, looks
-        self._graph = KeptGraph(params, boundary)
+        self._graphs: list[KeptGraph] = []  # of the slices
         self._level = LevelFollower()
         self._inside: tuple[Geometry, Mask] | None = None
 
@@ -49,7 +49,7 @@ class Surveyor:
         """What a map offers to a robot; see `Explorer.survey`."""
         if len(height_map.upper):
             return self._survey_of_levels(height_map, robot)
-        graph, geometry = self._graph.of(height_map), height_map.geometry
+        graph, geometry = self._graph_of(0, height_map), height_map.geometry
         is_there = geometry.contains(geometry.cell_at((robot.x, robot.y)))
         costs = (
             travel_costs(graph, robot, self._params)
@@ -57,6 +57,12 @@ class Surveyor:
             else np.full(geometry.shape, np.inf)
         )
         return self._offered(graph, height_map.known, costs, robot, is_one_level=True)
+
+    def _graph_of(self, number: int, height_map: HeightMap) -> TransitionGraph:
+        """The graph of a slice."""
+        while len(self._graphs) <= number:
+            self._graphs.append(KeptGraph(self._params, self._boundary))
+        return self._graphs[number].of(height_map)
 
     def inside(self, geometry: Geometry) -> Mask:
         """(rows, columns): cells inside the boundary."""
@@ -66,8 +72,7 @@ class Surveyor:
 
     def _survey_of_levels(self, height_map: HeightMap, robot: Pose2D) -> Survey:
         terrain, planner = self._params.traversability, self._params.planner
-        levels = LevelGraph(height_map, self._params.levels, terrain, planner)
-        levels.graphs = [confined(graph, self._boundary) for graph in levels.graphs]
+        levels = LevelGraph(height_map, self._params.levels, terrain, planner, self._graph_of)
         geometry = height_map.geometry
         surface = self._level.surface(levels.stack, robot.x, robot.y, robot.z or 0.0)
         costs, first = np.full((len(levels.graphs), *geometry.shape), np.inf), 0

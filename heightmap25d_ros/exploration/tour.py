@@ -3,8 +3,9 @@
 """A way through a few places: where to go first, so that most is seen soon.
 
 The shortest way through all of them would begin with what is small and near, and leave for the end
-what is worth most. Where each metre is weighed by what is still to come at its end, as in the
-problem of the travelling repairman, small things are taken along where they are beside the way.
+what is worth most. Where each metre is weighed by what is still to come, as in the problem of the
+travelling repairman, small things are left that cost a long way at the end. So a metre counts half
+for itself, and half for what is still to come.
 
 Exact, by dynamic programming over the sets of places that were visited (Held and Karp, 1962).
 """
@@ -22,9 +23,9 @@ MOST = 10
 
 
 def soonest_tour(first: Array, between: Array, worth: Array) -> list[int]:
-    """The order in which places are visited so that most of their worth comes soon.
+    """The order in which places are visited so that the way is short and most of it comes soon.
 
-    Least is the sum over all places of their worth times the way until there.
+    Least is the sum of the whole way and of the mean way to a place, weighed by what it is worth.
 
     Parameters
     ----------
@@ -52,16 +53,16 @@ def soonest_tour(first: Array, between: Array, worth: Array) -> list[int]:
     if not len(first):
         return []
     visited = np.arange(1 << len(first))[:, None] >> np.arange(len(first)) & 1
-    left = (1 - visited) @ np.asarray(worth, np.float64)
+    left = 1.0 + (1 - visited) @ (np.asarray(worth, np.float64) / np.sum(worth))
     order = _soonest(np.asarray(first, np.float64), np.asarray(between, np.float64), left)
     return [int(place) for place in order]
 
 
 @kernel
 def _soonest(first, between, left):
-    """The order, by the worth that is left when each set of places has been visited."""
+    """The order, by what a metre weighs when each set of places has been visited."""
     count, sets = len(first), len(left)
-    # The least sum of ways, each times what was still to come, through a set to one of its places.
+    # The least weighed way through a set to one of its places.
     least = np.full((sets, count), np.inf)
     before = np.full((sets, count), -1)
     for place in range(count):

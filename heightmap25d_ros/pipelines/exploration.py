@@ -73,6 +73,7 @@ class Exploration:
         self._maps = 0  # so many have come
         self._known_cells = 0
         self._run: Run | None = None
+        self._onlooker: Explorer | None = None  # who looks over maps while nothing is explored
         self._is_paused = self._is_lost = False
         self._deviation = 0.0
         self._refusal = ""
@@ -126,7 +127,7 @@ class Exploration:
 
     def set_params(self, params: Params) -> None:
         """Apply new parameters, from the next start on."""
-        self._params = params
+        self._params, self._onlooker = params, None
 
     def start(self, task: Task | None = None) -> None:
         """Begin anew, whatever ran before.
@@ -224,7 +225,8 @@ class Exploration:
         """
         robot = self._robot()
         if self._map is not None and robot is not None:
-            explorer = self._run.explorer if self._run else Explorer(self._params)
+            self._onlooker = self._onlooker or Explorer(self._params)
+            explorer = self._run.explorer if self._run else self._onlooker
             self.survey = explorer.survey(self._map, robot)
             self.choice = explorer.choose(self.survey)
 

@@ -11,7 +11,7 @@ the graphs are laid one below the other in one array, with these links.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,6 +42,8 @@ class LevelGraph:
     levels : LevelsParams, optional
     terrain : TraversabilityParams, optional
     params : PlannerParams, optional
+    graph_of : function, optional
+        Makes the graph of a slice, by its number and its map; `transition_graph` by default.
 
     Attributes
     ----------
@@ -64,6 +66,7 @@ class LevelGraph:
         levels: LevelsParams | None = None,
         terrain: TraversabilityParams | None = None,
         params: PlannerParams | None = None,
+        graph_of: Callable[[int, HeightMap], TransitionGraph] | None = None,
     ) -> None:
         terrain, params = terrain or TraversabilityParams(), params or PlannerParams()
         self.stack = SurfaceStack(height_map, levels, terrain)
@@ -71,7 +74,8 @@ class LevelGraph:
         self.layers = [found.layer for found in slices]
         if len(slices) * (height_map.geometry.shape[0] + 2) > LARGEST_SIDE:
             raise InputError(f"a map with {len(slices)} levels is too large to be planned over")
-        self.graphs = [transition_graph(found.height_map, terrain, params) for found in slices]
+        made = graph_of or (lambda _, shown: transition_graph(shown, terrain, params))
+        self.graphs = [made(number, found.height_map) for number, found in enumerate(slices)]
         self._links = _links(self.layers)
 
     def holding(self, surface: tuple[int, int, int]) -> Place:

@@ -51,12 +51,16 @@ def test_what_is_not_allowed_is_not_wanted_and_not_passed():
 
 
 @draws(40)
-@given(st.integers(0, 2**32 - 1), st.integers(1, 5), st.integers(0, 8))
+@given(st.integers(0, 2**32 - 1), st.integers(1, 5), st.integers(1, 8))
 def test_sums_over_squares(seed, spacing, reach):
     rng = np.random.default_rng(seed)
     mask = rng.random(rng.integers(1, 20, 2)) < 0.3
     cells = frontiers.viewpoints(np.ones_like(mask), spacing)
-    counted = frontiers.count_around(mask, cells, reach)
+    scenery = sight.Scenery(
+        height=np.zeros(mask.shape, np.float32), known=~mask, wanted=mask, sensor_height=SENSOR,
+        reach=reach, blind=0.0,
+    )  # fmt: skip
+    counted = sight.Outlook(scenery).most(cells)
     for (y, x), count in zip(cells, counted, strict=True):
         part = mask[max(y - reach, 0) : y + reach + 1, max(x - reach, 0) : x + reach + 1]
         assert count == part.sum()

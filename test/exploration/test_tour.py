@@ -14,7 +14,7 @@ from heightmap25d_ros.exploration.tour import MOST, least_between, soonest_tour
 
 def waited(order, first, between, worth):
     ways = np.cumsum([first[order[0]], *(between[a, b] for a, b in pairwise(order))])
-    return ways @ worth[list(order)]
+    return ways[-1] + ways @ worth[list(order)] / worth.sum()
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 6])
@@ -30,11 +30,11 @@ def test_in_no_order_most_comes_sooner(count):
 
 
 def test_places_beside_the_way_come_first_but_not_at_any_price():
-    at = np.array([[6.0, 0.0], [2.0, 0.0], [-1.0, 0.0]])
+    at = np.array([[6.0, 0.0], [2.0, 0.0], [-2.5, 0.0]])
     first = np.hypot(*at.T)
     between = least_between(first, at)
-    assert soonest_tour(first, between, np.array([9.0, 1.0, 1.0])) == [1, 0, 2]
-    assert soonest_tour(first, between, np.array([3.0, 1.0, 3.0])) == [2, 1, 0]
+    assert soonest_tour(first, between, np.array([5.0, 1.0, 1.0])) == [2, 1, 0]
+    assert soonest_tour(first, between, np.array([30.0, 1.0, 1.0])) == [1, 0, 2]
 
 
 def test_behind_a_wall_ways_are_not_straight():
