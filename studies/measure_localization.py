@@ -37,6 +37,7 @@ from localization_drives import (
     overconfident,
     truth_of,
 )
+from localization_peers import peers
 from lost_robots import REPEATED, UNIQUE, kidnapped, wrong_starts
 from scipy.spatial import cKDTree
 from scipy.stats import chi2
@@ -58,7 +59,7 @@ PAPER = with_values(PARAMS, {"registration.method": "paper"})
 METHODS = {"default": PARAMS, "short-term maps": SHORT_TERM, "paper": PAPER}
 ON_MAP = 0.5, 0.2  # share of the returns within so many metres of a wall of the map
 SAME_SCAN = 2e7  # [ns] between a pose of the reference and one of the odometry
-SECTIONS = ("laps", "corrected", "kidnapped", "starts", "logs")
+SECTIONS = ("laps", "corrected", "kidnapped", "starts", "logs", "peers")
 
 
 def main() -> None:
@@ -87,6 +88,8 @@ def tables(options: argparse.Namespace, bags: Path) -> Iterator[str]:
         yield from wrong_starts(bags, worlds or WORLDS, seeds or (1,))
     if "logs" in options.only:
         yield from real_logs(options.logs)
+    if "peers" in options.only:
+        yield from beside_peers(bags, worlds or ("room", "street"), seeds or (11,), options.logs)
 
 
 def normalised(run: Run, truth: tuple[np.ndarray, se3.Matrix]) -> np.ndarray:
@@ -142,6 +145,33 @@ def row(label: str, run: Run, truth: tuple[np.ndarray, se3.Matrix], nees: np.nda
         f"| {accepted} of {len(run.attempts)} | {nees.mean() / 3:.2f} "
         f"| {overconfident(run, truth)} |"
     )
+
+
+def beside_peers(
+    bags: Path, worlds: Sequence[str], seeds: Sequence[int], logs: Sequence[Path]
+) -> Iterator[str]:
+    """Others on the same drives, and on logs, which are mapped in themselves."""
+    yield "\n| drive | median | 95 % | largest | yaw: 95 % |"
+    yield "|---|---|---|---|---|"
+    for world in worlds:
+        for seed in seeds:
+            events, truth, long_term = material(bags, world, seed)
+            localizer = Localizer(PARAMS)
+            localizer.set_long_term(*long_term)
+            run = localized(events, localizer)
+            told = np.clip(run.stamps, truth[0][0], truth[0][-1])
+            error = trajectory_error.planar_errors(np.array(run.told), interpolate(*truth, told))
+            distance, turn = error[:, 0], np.abs(error[:, 2])
+            yield (
+                f"| `{world}` {seed}: ours | {np.median(distance):.3f} m "
+                f"| {np.percentile(distance, 95):.3f} m | {distance.max():.2f} m "
+                f"| {np.percentile(turn, 95):.1f} deg |"
+            )
+            yield from peers(f"`{world}` {seed}", events_of(bags, world, seed, 1), events, truth)
+    for path in logs:
+        with Bag(path) as bag:
+            events = list(bag.events(["/scan", "/odom", "/ground_truth", "/tf_static"]))
+        yield from peers(f"`{path.name}`", events, events, truth_of(events))
 
 
 def on_corrected_maps(bags: Path, seeds: Sequence[int]) -> Iterator[str]:

@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from heightmap25d_ros import se3
+from heightmap25d_ros import memory, se3
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_map import (
     HEIGHT_RESOLUTION,
@@ -28,6 +28,8 @@ from heightmap25d_ros.grid.height_map import (
 )
 from heightmap25d_ros.grid.levels import UpperSurfaces
 from heightmap25d_ros.io import _scan_fields
+from heightmap25d_ros.io.layers_file import MOST_LEVELS, checked
+from heightmap25d_ros.localization.layers import NAMES, LayerMap
 from heightmap25d_ros.mapping.scan import Scan
 
 QUATERNION_TOLERANCE = 0.01
@@ -184,6 +186,45 @@ def upper_surfaces(message: Any, frame_id: str | None = None) -> tuple[Geometry,
 
 
 _UPPER = ("cell", "top", "bottom", "probability")
+
+
+def localization_layers(message: Any, frame_id: str | None = None) -> LayerMap:
+    """The content of a heightmap25d_msgs/LocalizationLayers.
+
+    Raises
+    ------
+    InputError
+        For a map that `height_map` refuses, arrays of different lengths, values that no layer has,
+        and if the memory is not available.
+    """
+    if frame_id is not None:
+        require_frame(message.header, frame_id)
+    geometry = _geometry(message.info)
+    cell, number = (np.asarray(getattr(message, name), np.int64) for name in ("cell", "level"))
+    rows, columns = geometry.shape
+    for name in ("level", *NAMES):
+        if len(getattr(message, name)) != len(cell):
+            raise InputError(f"{name}: {len(getattr(message, name))} values for {len(cell)} cells")
+    if (cell >= rows * columns).any():
+        raise InputError(f"cell: {cell.max()} is not one of {columns} x {rows} cells")
+    if (number > MOST_LEVELS).any():
+        raise InputError(f"level: {number.max()} is not 0 .. {MOST_LEVELS}")
+    levels = 1 + int(number.max(initial=0))
+    memory.require(4 * len(NAMES) * levels * rows * columns, "the localization layers")
+    lowest, *above = (
+        _layers_of(message, geometry, cell, number == level) for level in range(levels)
+    )
+    return replace(lowest, above=tuple(above))
+
+
+def _layers_of(
+    message: Any, geometry: Geometry, cell: NDArray[np.int64], is_here: NDArray[np.bool_]
+) -> LayerMap:
+    """Dense layers of the entries of one level."""
+    dense = {name: np.zeros(geometry.shape, np.float32) for name in NAMES}
+    for name, values in dense.items():
+        values.ravel()[cell[is_here]] = np.asarray(getattr(message, name), np.float32)[is_here]
+    return checked(geometry, dense)
 
 
 def _map_geometry(message: Any, frame_id: str | None) -> Geometry:

@@ -23,6 +23,7 @@ from heightmap25d_ros.grid.height_map import (
     Geometry,
     HeightMap,
 )
+from heightmap25d_ros.localization.layers import NAMES, LayerMap
 
 if TYPE_CHECKING:  # a node that fills other messages needs neither
     from heightmap25d_ros.localization.tracker import Attempt
@@ -108,6 +109,23 @@ def fill_upper_surfaces(message: Any, height_map: HeightMap, stamp: int, frame_i
     message.top, message.bottom = _array("h", upper.top), _array("h", upper.bottom)
     probability = np.maximum(rounded, _lowest_known(height_map)).astype(np.uint8)
     message.probability = _array("B", probability)
+
+
+def fill_localization_layers(message: Any, layers: LayerMap, stamp: int, frame_id: str) -> None:
+    """Fill a heightmap25d_msgs/LocalizationLayers."""
+    fill_header(message.header, stamp, frame_id)
+    _fill_info(message.info, layers.geometry, stamp)
+    levels = layers, *layers.above
+    cells = [np.nonzero(level.ground_count.ravel())[0] for level in levels]
+    message.cell = _array("I", np.concatenate(cells).astype(np.uint32))
+    numbers = np.repeat(np.arange(len(levels)), [len(of_level) for of_level in cells])
+    message.level = _array("B", numbers.astype(np.uint8))
+    for name in NAMES:
+        values = [
+            getattr(level, name).ravel()[of_level]
+            for level, of_level in zip(levels, cells, strict=True)
+        ]
+        setattr(message, name, _array("f", np.concatenate(values)))
 
 
 def _lowest_known(height_map: HeightMap) -> int:

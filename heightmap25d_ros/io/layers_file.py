@@ -27,7 +27,8 @@ FORMAT_VERSION = 1
 WITH_LEVELS = 2
 """The version of layers with some of surfaces above the lowest ones: ``above``, their number."""
 
-_MOST_LEVELS = 15  # above the lowest one
+MOST_LEVELS = 15
+"""Above the lowest one."""
 _DIGEST = 64  # hexadecimal digits of SHA-256
 
 
@@ -82,8 +83,8 @@ def load(directory: Path, height_map: HeightMap) -> LayerMap | None:
         if digest != _sha256(directory / "height_grid.npz"):
             return None
         above = int(_read(archive, path, "above", "iu", ())) if version == WITH_LEVELS else 0
-        if not 0 <= above <= _MOST_LEVELS:
-            raise InputError(f"{path}: above is {above}, not 0 .. {_MOST_LEVELS}")
+        if not 0 <= above <= MOST_LEVELS:
+            raise InputError(f"{path}: above is {above}, not 0 .. {MOST_LEVELS}")
         lowest, *upper = (
             _checked(
                 path,
@@ -99,14 +100,29 @@ def load(directory: Path, height_map: HeightMap) -> LayerMap | None:
 def _checked(
     path: Path, geometry: Geometry, dense: dict[str, NDArray[Any]], level: int
 ) -> LayerMap:
+    try:
+        return checked(geometry, dense)
+    except InputError as error:
+        name, _, problem = str(error).partition(": ")
+        raise InputError(f"{path}: {_name(name, level)} {problem}") from None
+
+
+def checked(geometry: Geometry, dense: dict[str, NDArray[Any]]) -> LayerMap:
+    """Layers (rows, columns) of one level that are from elsewhere.
+
+    Raises
+    ------
+    InputError
+        If one holds what no layer does; it begins with the name of that layer.
+    """
     limit = 0.5 * geometry.resolution * (1.0 + 1e-5)
     for name, values in dense.items():
         if not np.isfinite(values).all():
-            raise InputError(f"{path}: {_name(name, level)} holds values that are not finite")
-        if name.endswith(("_count", "_scatter", "_xx", "_yy")) and values.min() < 0.0:
-            raise InputError(f"{path}: {_name(name, level)} holds negative values")
-        if name.endswith(("_x", "_y")) and np.abs(values).max() > limit:
-            raise InputError(f"{path}: {_name(name, level)} holds places outside of their cells")
+            raise InputError(f"{name}: holds values that are not finite")
+        if name.endswith(("_count", "_scatter", "_xx", "_yy")) and values.min(initial=0.0) < 0.0:
+            raise InputError(f"{name}: holds negative values")
+        if name.endswith(("_x", "_y")) and np.abs(values).max(initial=0.0) > limit:
+            raise InputError(f"{name}: holds places outside of their cells")
     return LayerMap(
         geometry=geometry,
         above=(),

@@ -16,7 +16,7 @@ from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
-from heightmap25d_msgs.msg import HeightGrid, LocalizationStatus
+from heightmap25d_msgs.msg import HeightGrid, LocalizationLayers, LocalizationStatus
 from heightmap25d_ros.io import encode, layers_file, map_directory
 from heightmap25d_ros.localization.tracker import Attempt
 from heightmap25d_ros.localization.tracking_state import State
@@ -64,16 +64,22 @@ class LocalizationNode(ManagedNode):
             for topic in self.params.intake.scan_topics
         ]
         settings = self.params.localization
-        long_term = Input(
-            HeightGrid, "long_term_grid", self._localizer.take_long_term, qos.LATCHED,
-            is_needed=True,
-        )  # fmt: skip
+        long_term = [
+            Input(
+                HeightGrid, "long_term_grid", self._localizer.take_long_term, qos.LATCHED,
+                is_needed=True,
+            ),
+            Input(
+                LocalizationLayers, "long_term_layers", self._localizer.take_long_term_layers,
+                qos.LATCHED,
+            ),
+        ]  # fmt: skip
         return [
             *scans,
             *cloud_inputs(self.params, self._on_cloud),
             *pose_inputs(self.params.intake, self._on_odometry, self._on_transforms, self.flatness),
             Input(PoseWithCovarianceStamped, "initialpose", self._on_initial_pose, qos.QUEUE),
-            *([] if settings.map_directory or settings.own_map else [long_term]),
+            *([] if settings.map_directory or settings.own_map else long_term),
         ]
 
     def outputs(self) -> list[Output]:

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Float32MultiArray, MultiArrayDimension
 
-from heightmap25d_msgs.msg import HeightGrid, UpperSurfaces
+from heightmap25d_msgs.msg import HeightGrid, LocalizationLayers, UpperSurfaces
 from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.io import encode
+from heightmap25d_ros.localization.layers import LayerMap
 from heightmap25d_ros.nodes.map_transform import AnchorTransform
 from heightmap25d_ros.terrain.traversability import ObstacleMap
 
@@ -30,8 +31,11 @@ except ImportError:
 
 Maps = tuple[HeightMap, ObstacleMap]
 
+LAYERS = "localization_layers"
+
 TOPICS = {
-    "upper_surfaces": UpperSurfaces,  # before the grid of the same stamp, with which it is read
+    LAYERS: LocalizationLayers,  # these before the grid of the same stamp, with which they are read
+    "upper_surfaces": UpperSurfaces,
     "height_grid": HeightGrid,
     "map": OccupancyGrid,
     "cost_map": OccupancyGrid,
@@ -51,7 +55,7 @@ UPDATED_TOPICS = () if UPDATE is None else ("map", "cost_map")
 
 
 def message_of(topic: str, maps: Maps, stamp: int, frame: str, anchor: AnchorTransform) -> Any:
-    """The message of one of `TOPICS`.
+    """The message of one of `TOPICS`, but for `LAYERS`.
 
     Parameters
     ----------
@@ -81,6 +85,13 @@ def message_of(topic: str, maps: Maps, stamp: int, frame: str, anchor: AnchorTra
     else:
         cells = _occupancy(topic, obstacle_map)
         encode.fill_occupancy_grid(message, cells, height_map.geometry, stamp, frame)
+    return message
+
+
+def layers_message(layers: LayerMap, stamp: int, frame: str) -> LocalizationLayers:
+    """The message of the localization layers at a stamp [ns]."""
+    message = LocalizationLayers()
+    encode.fill_localization_layers(message, layers, stamp, frame)
     return message
 
 

@@ -4,14 +4,16 @@
 
 from __future__ import annotations
 
-from heightmap25d_ros.grid.height_map import Area
+from heightmap25d_ros.grid.height_map import Area, Geometry
 from heightmap25d_ros.nodes import qos
 from heightmap25d_ros.nodes.interface import Output
 from heightmap25d_ros.nodes.lifecycle import ManagedNode
 from heightmap25d_ros.nodes.map_messages import (
+    LAYERS,
     TOPICS,
     UPDATE,
     UPDATED_TOPICS,
+    layers_message,
     message_of,
     update_of,
 )
@@ -79,9 +81,17 @@ class MapPublisher:
             maps = self._mapping.maps()
             for topic in whole:
                 stamp = self._mapping.stamp_ns
+                if topic == LAYERS:
+                    self._publish_layers(maps[0].geometry, stamp)
+                    continue
                 message = message_of(topic, maps, stamp, self._frame, self._anchor)
                 self._node.publish(topic, message)
         self._published.update(dict.fromkeys(due, version))
+
+    def _publish_layers(self, geometry: Geometry, stamp: int) -> None:
+        layers = self._mapping.layers(geometry)
+        if layers is not None:
+            self._node.publish(LAYERS, layers_message(layers, stamp, self._frame))
 
     def _is_due(self, topic: str, version: int) -> bool:
         count = self._node.count_listeners(topic)

@@ -124,6 +124,8 @@ class Localizer(SensorIntake[Attempt]):
         self._saved: SavedMap | None = None
         self._waiting_pose: tuple[Array, Array] | None = None
         self._told_pose: tuple[se3.Matrix, Array] | None = None
+        self._told_map: tuple[HeightMap, int] | None = None  # and its stamp [ns]
+        self._told_layers: tuple[LayerMap, int] | None = None
         self._begin()
 
     def _begin(self) -> None:
@@ -327,8 +329,36 @@ class Localizer(SensorIntake[Attempt]):
     def take_long_term(self, message: Any) -> None:
         """Take a heightmap25d_msgs/HeightGrid in: the long-term map."""
         frame = self._params.mapping.map_frame
+        found = self.dropped.decoded(
+            "long_term_grid",
+            lambda m: (decode.height_map(m, frame), decode.stamp_ns(m.header)), message,
+        )  # fmt: skip
+        if found is not None:
+            self._take_map(*found)
+
+    def take_long_term_layers(self, message: Any) -> None:
+        """Take a heightmap25d_msgs/LocalizationLayers in, of the long-term map of its stamp."""
+        frame = self._params.mapping.map_frame
+        found = self.dropped.decoded(
+            "long_term_layers",
+            lambda m: (decode.localization_layers(m, frame), decode.stamp_ns(m.header)), message,
+        )  # fmt: skip
+        if found is None:
+            return
+        self._told_layers = found
+        if self._told_map is not None and self._told_map[1] == found[1]:
+            self._take_map(*self._told_map)
+
+    def _take_map(self, height_map: HeightMap, stamp_ns: int) -> None:
+        """Localize in a map from elsewhere, with its layers where they have come."""
+        self._told_map = height_map, stamp_ns
+        layers, stamp_of_layers = self._told_layers or (None, 0)
+        if layers is not None and (
+            stamp_of_layers != stamp_ns or layers.geometry.shape != height_map.geometry.shape
+        ):
+            layers = None
         self.dropped.decoded(
-            "long_term_grid", lambda m: self.set_long_term(decode.height_map(m, frame)), message
+            "long_term_grid", lambda _: self.set_long_term(height_map, layers), None
         )
 
     def _set_pose(self, xyz_yaw: Array, covariance: Array) -> None:

@@ -19,12 +19,13 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import PointCloud2
 
-from heightmap25d_msgs.msg import HeightGrid, UpperSurfaces
+from heightmap25d_msgs.msg import HeightGrid, LocalizationLayers, UpperSurfaces
 
 PATIENCE = 240.0
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 MAPS = {
     "height_grid": HeightGrid,
+    "localization_layers": LocalizationLayers,
     "upper_surfaces": UpperSurfaces,
     "map": OccupancyGrid,
     "cost_map": OccupancyGrid,

@@ -24,7 +24,8 @@ from tf2_msgs.msg import TFMessage
 from heightmap25d_msgs.srv import LoadMap, SaveMap
 from heightmap25d_ros import cli
 from heightmap25d_ros.grid.height_map import SUSPECTED, HeightMap
-from heightmap25d_ros.io import map_directory
+from heightmap25d_ros.io import decode, layers_file, map_directory
+from heightmap25d_ros.localization.layers import NAMES
 from heightmap25d_ros.nodes.mapping import MappingNode
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.mapping import Mapping
@@ -125,9 +126,9 @@ def test_the_topics_agree_with_one_another(replayed):
         assert not ((data >= 0) & ~is_told).any()
     assert (np.array(cost.data)[np.array(occupancy.data) == 100] == 100).all()
     cloud = np.frombuffer(points.data.tobytes(), np.float32).reshape(-1, 4)
-    upper = replayed.messages["upper_surfaces"]
-    assert upper.header == grid.header
-    assert upper.info == grid.info
+    upper, layers = (replayed.messages[name] for name in ("upper_surfaces", "localization_layers"))
+    assert upper.header == layers.header == grid.header
+    assert upper.info == layers.info == grid.info
     tops = np.concatenate([np.array(grid.height)[known], np.array(upper.top)])
     assert points.width == len(cloud) == len(tops)
     np.testing.assert_allclose(np.sort(cloud[:, 2]), np.sort(tops * 0.01), atol=1e-5)
@@ -139,6 +140,10 @@ def test_the_heights_are_the_saved_ones_and_the_stamp_is_the_newest_scans(replay
     is_told = loaded.known | loaded.suspected  # another height counts for nothing
     published = np.array(grid.height).reshape(loaded.height.shape)
     np.testing.assert_array_equal(published[is_told], loaded.height[is_told])
+    layers = layers_file.load(Path(replayed.saved.path), loaded)
+    told = decode.localization_layers(replayed.messages["localization_layers"], "map")
+    for name in NAMES:
+        np.testing.assert_array_equal(getattr(told, name), getattr(layers, name))
     with Reader(short_bag) as reader:
         scans = [c for c in reader.connections if c.topic.startswith("/scan")]
         newest = max(
