@@ -73,11 +73,8 @@ def yaw(pose: Matrix) -> float:
 
 def inverse(pose: Matrix) -> Matrix:
     """``T_b_a`` of ``T_a_b``."""
-    rotation_inverse = np.swapaxes(pose[..., :3, :3], -1, -2)
-    result = np.zeros_like(pose)
-    result[..., :3, :3] = rotation_inverse
-    result[..., :3, 3] = -np.einsum("...ij,...j->...i", rotation_inverse, pose[..., :3, 3])
-    result[..., 3, 3] = 1.0
+    result = np.empty(pose.shape)
+    _invert(_matrices(pose), result.reshape(-1, 4, 4))
     return result
 
 
@@ -187,6 +184,20 @@ def quaternion_of(m):
         q[3] = m[k, j] - m[j, k]
     q /= math.sqrt((q * q).sum())
     return -q if q[3] < 0.0 else q
+
+
+@kernel
+def _invert(poses, result):
+    for i in range(len(poses)):
+        pose, inverted = poses[i], result[i]
+        for row in range(3):
+            for column in range(3):
+                inverted[row, column] = pose[column, row]
+            inverted[row, 3] = -(
+                pose[0, row] * pose[0, 3] + pose[1, row] * pose[1, 3] + pose[2, row] * pose[2, 3]
+            )
+            inverted[3, row] = 0.0
+        inverted[3, 3] = 1.0
 
 
 @kernel

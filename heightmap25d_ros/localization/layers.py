@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from heightmap25d_ros.grid.height_grid import TILE, HeightGrid, TiledArray
+from heightmap25d_ros.grid.height_grid import TILE, TOP_BIAS, HeightGrid, TiledArray
 from heightmap25d_ros.grid.height_map import (
     HEIGHT_RESOLUTION,
     PROBABILITY_THRESHOLD,
@@ -37,6 +37,7 @@ from heightmap25d_ros.mapping.sensor_model import Beams
 SLAB = 0.10
 """Above and below their mean [m] within which returns are a cell's lowest ones."""
 
+_KNOWN = stored_probability(PROBABILITY_THRESHOLD)
 _AROUND = 3  # [cells] around a return that tell whether it is above a deck
 _OF_DECK = 18  # of these 49 cells, with a surface above the lowest one
 _LEVEL = 0.15  # [m] below the laser within which a return is level with it
@@ -109,32 +110,20 @@ class LocalizationLayers:
             {name: TiledArray(grid.tile_top.shape, np.float32) for name in NAMES}
             for _ in range(1 + upper)
         ]  # fmt: skip
+        self._cells = [tuple(arrays[name].cells for name in NAMES) for arrays in self._levels]
 
     def integrate(self, beams: Beams) -> None:
         """Take in the returns of beams in the map that are not lone ones."""
-        is_used = beams.is_hit & ~beams.is_lone
-        geometry = self._grid.geometry
-        rank = self._ranks(beams.ends)
-        for number, arrays in enumerate(self._levels):
-            is_here = is_used & (rank == number)
-            if is_here.any():
-                _integrate(
-                    beams.origins, beams.ends, is_here, geometry.origin, geometry.resolution,
-                    *(arrays[name].cells for name in NAMES),
-                )  # fmt: skip
-
-    def _ranks(self, ends: NDArray[np.float64]) -> NDArray[np.int64]:
-        """(N,): above how many decks returns are."""
-        rank = np.zeros(len(ends), np.int64)
-        if len(self._levels) > 1:
-            geometry, upper = self._grid.geometry, self._grid.upper
-            corner = *geometry.origin, geometry.ground_zero
-            known = stored_probability(PROBABILITY_THRESHOLD)
-            _find_ranks(
-                ends, corner, geometry.resolution, upper.heights, upper.beliefs, upper.tile_span,
-                known, rank,
+        geometry, upper = self._grid.geometry, self._grid.upper
+        ranks, highest = _find_ranks(
+            beams.ends, (*geometry.origin, geometry.ground_zero), geometry.resolution,
+            upper.heights, upper.beliefs, upper.tile_span, _KNOWN, len(self._levels) - 1,
+        )  # fmt: skip
+        for number in range(highest + 1):
+            _integrate(
+                beams.origins, beams.ends, beams.is_hit, beams.is_lone, ranks, number,
+                geometry.origin, geometry.resolution, *self._cells[number],
             )  # fmt: skip
-        return np.minimum(rank, len(self._levels) - 1)
 
     def read(self, area: Area) -> LayerMap:
         """Dense copy of an area."""
@@ -159,8 +148,9 @@ class LocalizationLayers:
 
 
 @kernel
-def _find_ranks(ends, corner, resolution, heights, beliefs, spans, known, ranks):
-    """Fill in above how many decks the ends (N, 3) of beams are."""
+def _find_ranks(ends, corner, resolution, heights, beliefs, spans, known, most):
+    """Above how many decks the ends (N, 3) of beams are, `most` at the most; and the largest."""
+    ranks, highest = np.zeros(len(ends), np.int64), 0
     rows, columns = spans.shape[0] * TILE, spans.shape[1] * TILE
     counts = np.empty(len(heights) + 1, np.int64)
     for i in range(len(ends)):
@@ -168,9 +158,9 @@ def _find_ranks(ends, corner, resolution, heights, beliefs, spans, known, ranks)
         if not (_AROUND <= u < columns - _AROUND and _AROUND <= v < rows - _AROUND):
             continue
         ix, iy = int(u), int(v)
-        if not _is_beside_upper(iy, ix, spans):
-            continue
         z = (ends[i, 2] - corner[2]) / HEIGHT_RESOLUTION
+        if not _is_above_some(iy, ix, z, spans):
+            continue
         counts[:] = 0
         for y in range(iy - _AROUND, iy + _AROUND + 1):
             for x in range(ix - _AROUND, ix + _AROUND + 1):
@@ -179,17 +169,20 @@ def _find_ranks(ends, corner, resolution, heights, beliefs, spans, known, ranks)
         for rank in range(len(heights), 0, -1):
             so_many += counts[rank]
             if so_many >= _OF_DECK:
-                ranks[i] = rank
+                ranks[i] = min(rank, most)
+                highest = max(highest, ranks[i])
                 break
+    return ranks, highest
 
 
 @inlined_kernel
-def _is_beside_upper(iy, ix, spans):
-    """Whether a tile of the surroundings of a cell has upper surfaces."""
+def _is_above_some(iy, ix, z, spans):
+    """Whether a tile of the surroundings of a cell has an upper surface below a height [cm]."""
     found = False
     for y in (iy - _AROUND, iy + _AROUND):
         for x in (ix - _AROUND, ix + _AROUND):
-            found |= spans[y // TILE, x // TILE, 1] != 0
+            lowest, highest = spans[y // TILE, x // TILE]
+            found |= highest != 0 and z >= lowest - TOP_BIAS - SLAB / HEIGHT_RESOLUTION
     return found
 
 
@@ -207,16 +200,17 @@ def _number_below(y, x, z, heights, beliefs, known):
 
 @kernel
 def _integrate(  # noqa: PLR0913
-    origins, ends, is_used, corner, resolution,
+    origins, ends, is_hit, is_lone, ranks, rank, corner, resolution,
     ground_count, level_count, ground_height, ground_scatter, ground_x, ground_y,
     elevated_count, elevated_x, elevated_y, spread_xx, spread_xy, spread_yy,
 ):  # fmt: skip
-    """Average returns (N, 3) into the cells [tile y, tile x, y, x] that they are in."""
+    """Average the returns (N, 3) of a rank into the cells [tile y, tile x, y, x] they are in."""
     rows, columns = ground_count.shape[0] * TILE, ground_count.shape[1] * TILE
     spread = spread_xx, spread_xy, spread_yy
     for i in range(len(ends)):
         u, v = (ends[i, 0] - corner[0]) / resolution, (ends[i, 1] - corner[1]) / resolution
-        if not is_used[i] or not (0.0 <= u < columns and 0.0 <= v < rows):
+        is_used = is_hit[i] and not is_lone[i] and ranks[i] == rank
+        if not is_used or not (0.0 <= u < columns and 0.0 <= v < rows):
             continue
         ix, iy = int(u), int(v)
         cell = iy // TILE, ix // TILE, iy % TILE, ix % TILE

@@ -62,7 +62,7 @@ def compile_kernels(params: Params) -> None:
     global_search.compile_kernels(params.registration)
     scan_update.compile_kernels(params.scan_filter)
     scan_search.compile_kernels()
-    se3.from_xyz_rpy(se3.to_xyz_rpy(np.eye(4)))  # for a pose that is given
+    se3.from_xyz_rpy(se3.to_xyz_rpy(se3.inverse(np.eye(4))))  # for a pose that is given
     scratch = ShortTermMaps(params)
     beam = np.array([[0.0, 0.0, 1.0]])
     is_hit, is_lone = np.ones(1, bool), np.zeros(1, bool)

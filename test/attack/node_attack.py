@@ -214,9 +214,9 @@ def soak(seconds: float, rate: float, directory: Path) -> Tally:
             if grown > LARGEST_GROWTH:
                 raise AssertionError(f"{node} has grown by {grown:.0f} MB")
         statuses = [status for report in reports for status in report.status]
-        failed = {status.name for status in statuses if "callbacks failed" in status.message}
+        failed = {f"{s.name}: {s.message}" for s in statuses if "callbacks failed" in s.message}
         if failed:
-            raise AssertionError(f"callbacks failed in {failed}")
+            raise AssertionError(f"callbacks failed: {max(failed, key=len)}")
         merged = [int(v.value) for s in statuses for v in s.values if v.key == "scans merged"]
         tally.outcomes["scans merged"] = max(merged)
         tally.outcomes["maps saved"] = saves.answered
