@@ -26,6 +26,7 @@ import messages
 import node
 import numba
 import numpy as np
+import own_map_nodes
 import planning
 import planning_node
 
@@ -95,6 +96,7 @@ def main() -> None:
         "clouds node": clouds_node.measure(),
         "planning node": planning_node.measure(),
         "localization node": localization_node.measure(),
+        "own-map nodes": own_map_nodes.measure(),
         "map updates": map_updates.measure(),
         "messages": messages.measure(),
         "command line": command_line(),

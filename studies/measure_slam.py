@@ -3,7 +3,10 @@
 """The tables of docs/slam.md: maps without known poses, of simulated laps and of real logs.
 
 Usage: python studies/measure_slam.py [--bags DIR] [--logs BAG ...] [--only SECTION ...]
-                                      [--seeds N ...]
+                                      [--worlds NAME ...] [--seeds N ...]
+
+Sections: `laps`; `drift`, the same with three times the drift, or with wheels that slip by 15 %;
+`court`, a long loop; `twins`, searches for loops where one place looks like another; `logs`.
 
 With --bags, recordings that are in DIR/WORLD_SEED_DRIVE are taken and the others made there;
 without, all are made anew and thrown away. Markdown to the terminal. --logs are recordings of level
@@ -35,15 +38,31 @@ from heightmap25d_ros.params.by_name import with_values
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.mapping import Mapping
 from heightmap25d_ros.pipelines.replay import replayed
-from heightmap25d_ros.pipelines.slam import SlamResult, slam_bag
+from heightmap25d_ros.pipelines.slam import Slam, SlamResult, slam_bag
 from heightmap25d_ros.pose_interpolation import interpolate
 from heightmap25d_ros.simulation import recording
+from heightmap25d_ros.simulation.odometry import OdometryNoise
+from heightmap25d_ros.simulation.simulation import Noise
+from heightmap25d_ros.slam.own_map_tracker import OwnMapTracker
+from heightmap25d_ros.slam.pose_graph import between
 
 WORLDS = ("room", "ramp", "rough", "street")
 TUNED, UNTUNED = (1,), (2, 3, 4, 5)
 SCANS = ("/scan", "/scan_down")
 PARAMS = with_values(Params(), {"intake.scan_topics": list(SCANS)})
 LEVEL = with_values(Params(), {"intake.scan_topics": ["/scan"]})
+UNCHANGED = ("slip_length", "tilt_sigma", "tilt_time")
+"""Of the odometry's noise where it drifts thrice as much."""
+
+SLOW = 10.0
+"""Scans per second, in which places that look alike are searched."""
+
+NEAR_SIGHTED = with_values(PARAMS, {"slam.active_distance": 8.0})
+"""So that drives of 40 m search for loops at all."""
+
+WRONG = 1.0
+"""Error of a loop [m] that is another place."""
+
 Poses = tuple[np.ndarray, se3.Matrix]
 
 
@@ -61,17 +80,22 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--bags", type=Path, metavar="DIR", help="where recordings are, or go to")
     parser.add_argument("--logs", nargs="+", type=Path, metavar="BAG", default=(), help="real ones")
-    sections = ("laps", "logs")
-    parser.add_argument("--worlds", nargs="+", choices=WORLDS, default=WORLDS)
+    sections = ("laps", "drift", "court", "twins", "logs")
+    parser.add_argument("--worlds", nargs="+", default=WORLDS, help="of laps")
     parser.add_argument("--seeds", nargs="+", type=int, default=(*TUNED, *UNTUNED), help="of laps")
     parser.add_argument("--only", nargs="+", choices=sections, default=sections)
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
-        if "laps" in options.only:
-            for line in laps(options.bags or Path(scratch), options.worlds, options.seeds):
-                print(line, flush=True)
-        if "logs" in options.only and options.logs:
-            for line in logs(options.logs):
+        bags = options.bags or Path(scratch)
+        tables = {
+            "laps": laps(bags, options.worlds, options.seeds),
+            "drift": drifting(bags, options.worlds, options.seeds),
+            "court": laps(bags, ("court",), options.seeds),
+            "twins": wrong_loops(bags, options.seeds),
+            "logs": logs(options.logs),
+        }
+        for section in options.only:
+            for line in tables[section]:
                 print(line, flush=True)
 
 
@@ -109,6 +133,58 @@ def lap(label: str, path: Path) -> str:
         f"| {own.end:.3f} m | {scores[0]:.3f} | {scores[1]:.3f} | {scores[2]:.3f} "
         f"| {closed(result)} | {result.slam.tracker.unobserved:.1f} m | {seconds / duration:.2f} |"
     )
+
+
+def drifting(bags: Path, worlds: Sequence[str], seeds: Sequence[int]) -> Iterator[str]:
+    usual = OdometryNoise()
+    fields = {field.name for field in dataclasses.fields(usual)} - set(UNCHANGED)
+    thrice = {name: 3.0 * getattr(usual, name) for name in fields}
+    for label, noise in (
+        ("thrice", dataclasses.replace(usual, **thrice)),
+        ("slip", dataclasses.replace(usual, slip=0.15)),
+    ):
+        for world in worlds:
+            for seed in seeds:
+                path = bags / f"{world}_{seed}_{label}"
+                if not path.exists():
+                    recording.simulate(world, seed, path, noise=Noise(odometry=noise))
+                yield lap(f"`{world}` {seed}, {label}", path)
+
+
+def wrong_loops(bags: Path, seeds: Sequence[int]) -> Iterator[str]:
+    """Loops that were closed between places that are not the same."""
+    yield "| world | drives | searches | closed | wrong | largest error of a closed one |"
+    yield "|---|---|---|---|---|---|"
+    for world in ("twin_rooms", "pillars"):
+        searches, errors = 0, []
+        for seed in seeds:
+            path = bags / f"{world}_{seed}_slow_scans"
+            if not path.exists():
+                mounted = recording.mounted_sensors(SLOW)
+                recording.simulate(world, seed, path, mounted=mounted)
+            with Bag(path) as bag:
+                slam = Slam(NEAR_SIGHTED)
+                for _ in replayed(bag, slam, "/odom", NEAR_SIGHTED.intake):
+                    pass
+                searches += len(slam.tracker.attempts)
+                errors += loop_errors(slam.tracker, true_poses(bag))
+        wrong = sum(error > WRONG for error in errors)
+        largest = f"{max(errors):.2f} m" if errors else "-"
+        yield f"| `{world}` | {len(seeds)} | {searches} | {len(errors)} | {wrong} | {largest} |"
+
+
+def loop_errors(tracker: OwnMapTracker, true: Poses) -> list[float]:
+    """How far off each loop's measurement is [m]."""
+    starts = np.zeros(len(tracker.submaps), np.int64)
+    for placed in reversed(tracker.placed):
+        starts[placed.submap] = placed.stamp_ns
+    poses = interpolate(*true, np.clip(starts, true[0][0], true[0][-1]))
+    planar = se3.to_xyz_rpy(poses)[:, [0, 1, 5, 2]]
+    return [
+        float(np.hypot(*(between(planar[e.first], planar[e.second]) - e.measured)[:2]))
+        for e in tracker.graph.edges
+        if e.is_loop
+    ]
 
 
 def logs(paths: Sequence[Path]) -> Iterator[str]:

@@ -153,6 +153,7 @@ def height_map(message: Any, frame_id: str | None = None) -> HeightMap:
         height=np.array(message.height, np.int16).reshape(geometry.shape),
         probability=probability.astype(np.uint16).reshape(geometry.shape),
         probability_threshold=threshold,
+        is_level=bool(getattr(message, "level_lasers", False)),  # older bags have none
     )
 
 

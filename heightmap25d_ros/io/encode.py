@@ -95,6 +95,7 @@ def fill_height_grid(message: Any, height_map: HeightMap, stamp: int, frame_id: 
     message.probability_threshold = (lowest_known - 0.5) / 255.0
     message.height = _array("h", height_map.height)
     message.probability = _array("B", probability.astype(np.uint8))
+    message.level_lasers = height_map.is_level
 
 
 def fill_upper_surfaces(message: Any, height_map: HeightMap, stamp: int, frame_id: str) -> None:

@@ -10,7 +10,7 @@ three cells; between them the refinement finds it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass, fields
 from typing import NamedTuple
 
@@ -42,6 +42,7 @@ _FIRST = 3  # leaves that are refined to see how good the best place is
 _PIECE = 20_000  # bounds between two looks at the clock
 _LEAVES = 32_768  # of a search at most
 _SOME = 1024  # of them, where they are too many
+_SCORED = 2048  # of them between two looks at the clock
 _MINIMA = 32  # that are refined
 _APART = 3, 2  # [cells, steps of yaw] between two of these
 _COARSE, _FINE = (1.0, 1 / 2, 1 / 4), (1.0, 1 / 2, 1 / 4, 1 / 8)  # [cells] of the refinement
@@ -229,7 +230,8 @@ class GlobalSearch(SlicedSearch[SearchResult]):
                 limit, has_begun_lower = 0.5 * limit, True
                 continue
             leaves = self._descent.leaves
-            self._starts = self._minima(leaves if self._has_found_all else self._best(leaves))
+            looked_at = leaves if self._has_found_all else self._best(leaves)
+            self._starts = yield from self._minima(looked_at)
             yield None
             self._lower(self._starts[:_FIRST])
             yield None
@@ -254,7 +256,8 @@ class GlobalSearch(SlicedSearch[SearchResult]):
                 self._nodes = before + descent.nodes
                 yield None
                 if descent.is_full:
-                    self._lower(self._minima(self._best(descent.leaves))[:_FIRST])
+                    starts = yield from self._minima(self._best(descent.leaves))
+                    self._lower(starts[:_FIRST])
                     yield None
                     if self._is_full():
                         return
@@ -315,10 +318,16 @@ class GlobalSearch(SlicedSearch[SearchResult]):
     def _limit(self, candidate: Candidate) -> float:
         return as_good_score(candidate, self._params)
 
-    def _minima(self, leaves: NDArray[np.int32]) -> Array:
+    def _minima(self, leaves: NDArray[np.int32]) -> Generator[None, None, Array]:
         """The best hypotheses (B, 4) in leaves (K, 4) that are not adjacent to one another."""
         hypotheses = self._hypotheses(leaves)
-        scores = matching.scores_at(self._few, hypotheses, self._surface, self._cost)
+        scores = np.empty(len(leaves))
+        for begin in range(0, len(leaves), _SCORED):
+            part = slice(begin, begin + _SCORED)
+            scores[part] = matching.scores_at(
+                self._few, hypotheses[part], self._surface, self._cost
+            )
+            yield None
         found: list[Array] = []
         waiting = np.argsort(scores, kind="stable")
         while len(waiting) and len(found) < _MINIMA:
@@ -329,6 +338,7 @@ class GlobalSearch(SlicedSearch[SearchResult]):
             turn = np.rint(np.abs(np.angle(np.exp(1j * turned))) / self._yaw_step)
             is_apart = (apart[:, 2:].max(axis=1) > _APART[0]) | (turn > _APART[1])
             waiting = waiting[is_apart]
+            yield None
         return np.array(found)
 
     def _hypotheses(self, leaves: NDArray[np.int32]) -> Array:

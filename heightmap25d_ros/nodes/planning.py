@@ -115,7 +115,7 @@ class PlanningNode(ManagedNode):
 
     def trouble(self) -> str:
         """Why nobody should follow the plan."""
-        return self._planning.staleness
+        return self._planning.trouble
 
     def figures(self) -> dict[str, Any]:
         """What /diagnostics reports of the last plan."""

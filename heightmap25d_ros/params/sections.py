@@ -540,7 +540,7 @@ class RegistrationParams(Section):
         "m", low=0.0, high=1.0,
     )  # fmt: skip
     search_nodes: int = parameter(
-        100_000_000, "number of bounds after which a search of the whole map ends in vain", low=1
+        100_000_000, "number of nodes after which a search of the whole map ends in vain", low=1
     )
     search_memory: int = parameter(
         1000, "memory that a search of the whole map may take", "MB", low=1

@@ -42,14 +42,23 @@ class MapPlanner:
         self._planner: Planner | LevelPlanner | None = None
         self._lock = threading.Lock()
 
+    @property
+    def problem(self) -> str:
+        """Why nothing can be planned on the map; empty where something can be."""
+        if not self.height_map.is_level:
+            return ""
+        return "the map was made by level lasers, its ground is unknown: nothing can be planned"
+
     def get(self, params: PlannerParams | None = None) -> Planner | LevelPlanner:
         """The planner; with other parameters of the search, where some are given.
 
         Raises
         ------
         InputError
-            If the map cannot be converted.
+            If the map cannot be converted, or has no ground.
         """
+        if self.problem:
+            raise InputError(self.problem)
         with self._lock:
             if self._planner is None:
                 settings, boundary = self._params, self._boundary

@@ -107,6 +107,12 @@ class Planning:
             else ""
         )
 
+    @property
+    def trouble(self) -> str:
+        """Why nobody should follow the plan, or ask for one; else empty."""
+        problem = "" if self._over_map is None else self._over_map.problem
+        return self.staleness or problem
+
     def take_correction(self, message: Any) -> None:
         """Take a geometry_msgs/PoseWithCovarianceStamped: the pose of odom in the map."""
         self._frames.take_correction(message)
@@ -408,6 +414,7 @@ def _is_same(before: HeightMap, after: HeightMap) -> bool:
     """Whether two maps say the same of all cells."""
     return (
         before.geometry == after.geometry
+        and before.is_level == after.is_level
         and np.array_equal(before.known, after.known)
         and all(
             np.array_equal(getattr(before.upper, name), getattr(after.upper, name))

@@ -139,6 +139,7 @@ class OwnMapLocalization:
         self._own = own
         self._health = Health(self._params.localization)
         self._attempt_distance = 0.0
+        self._loops_seen = 0
 
     def mend(self, T_map_odom: se3.Matrix, covariance: Array) -> None:
         """Odometry has jumped, the robot has not: its frame is at another pose from now on."""
@@ -156,10 +157,17 @@ class OwnMapLocalization:
     def move(self, T_odom_base: se3.Matrix) -> None:
         """Predict with the newest pose (4, 4) of the odometry, until the robot is found.
 
-        On its own map the estimate is predicted with the scans.
+        On its own map the estimate is predicted with the scans, and there is time for loops.
         """
         if self._finder is not None:
             self._finder.move(T_odom_base)
+        self._own.go_on_searching()
+        self._count_loops()
+
+    def _count_loops(self) -> None:
+        """A closed loop moves the robot with its map."""
+        self.jumps += self._own.loops_closed - self._loops_seen
+        self._loops_seen = self._own.loops_closed
 
     def integrate(self, beams: Beams, T_odom_base: se3.Matrix, stamp_ns: int) -> Attempt | None:
         """Integrate the beams of a scan, in odom, with the pose (4, 4) of the robot.
@@ -172,9 +180,8 @@ class OwnMapLocalization:
         if self._finder is not None:
             return self._find(self._finder, beams, T_odom_base, stamp_ns)
         own = self._own
-        loops = own.loops_closed
         own.integrate(beams, T_odom_base, stamp_ns)
-        self.jumps += own.loops_closed > loops
+        self._count_loops()
         travelled = own.distance - self._attempt_distance
         if own.last is None or travelled < self._params.localization.interval:
             return None

@@ -117,7 +117,7 @@ class OwnMapTracker:
         Time of a search for loops between two scans; all at once by default, so that the result
         does not depend on the machine.
     is_recording : bool
-        Whether `placed`, `keyframes` and `attempts` are kept, which grow with time.
+        Whether `placed` and `keyframes` are kept, which grow with time.
 
     Attributes
     ----------
@@ -176,6 +176,7 @@ class OwnMapTracker:
         self._inserted_ns = 0
         self._is_new_around = False
         self._searching: _Searching | None = None
+        self._next: _Searching | None = None  # the newest one that waits
         self._pending: tuple[Edge, Found] | None = None
 
     @property
@@ -227,8 +228,12 @@ class OwnMapTracker:
             self._insert()
         elif stamp_ns - self._waiting[0].stamp_ns > _WAIT_NS:
             self._insert()
-        elif self._searching is not None:
-            self._go_on_searching(self._searching)
+        self.go_on_searching()
+
+    def go_on_searching(self) -> None:
+        """Give a search for loops that is under way its time, whatever else there is to do."""
+        if self._searching is not None:
+            self._search_for_a_while(self._searching)
 
     def finish(self) -> None:
         """No more scans will come."""
@@ -236,6 +241,7 @@ class OwnMapTracker:
             self._insert()
         if self.submaps:
             self._next_submap(self._inserted_ns)
+            self.go_on_searching()
 
     def poses(self) -> list[ScanPose]:
         """Where each scan was taken, by the submaps as they are now."""
@@ -347,7 +353,7 @@ class OwnMapTracker:
         self._begun()
         if self.last is not None and self.last.is_accepted:
             self._map.anchor(self.estimate.covariance)
-        if self._params.slam.close_loops and self._searching is None:
+        if self._params.slam.close_loops:
             self._look_back(stamp_ns)
 
     def _begun(self) -> None:
@@ -369,14 +375,15 @@ class OwnMapTracker:
         query = query_of(recent, T_map_base, returns, self._params)
         search = LoopSearch(query, candidate.cells, candidate.radius, candidate.turn, self._params)
         second = len(self.submaps) - 1
-        self._searching = _Searching(search, candidate, second, T_map_base, stamp_ns)
-        self._go_on_searching(self._searching)
+        self._next = _Searching(search, candidate, second, T_map_base, stamp_ns)
+        if self._searching is None:
+            self._searching, self._next = self._next, None
 
-    def _go_on_searching(self, under_way: _Searching) -> None:
-        """Search for a while; join submaps where the search before agrees."""
+    def _search_for_a_while(self, under_way: _Searching) -> None:
+        """Join submaps where the search before agrees."""
         if not under_way.search.step(self._search_slice):
             return
-        self._searching = None
+        self._searching, self._next = self._next, None
         found, (_, candidate, second, T_map_base, stamp_ns) = under_way.search.result, under_way
         edge = self._map.loop(candidate.number, second, T_map_base, found)
         outcome = found.reason.value
@@ -394,5 +401,6 @@ class OwnMapTracker:
         if outcome == "closed" and pending is not None:
             moved = self._map.close([pending[0], edge])
             self.loops_closed += 1
+            self._searching = None  # it is of the map as it was
             self.estimate.T_map_odom = moved @ self.estimate.T_map_odom
             self._refresh()

@@ -136,9 +136,9 @@ class PoseGraph:
         """(4, 4) of a pose as seen from another one, along the axes of the map; infinite apart."""
         if fixed == of:
             return np.zeros((4, 4))
-        if not np.isfinite(self.distances(fixed, np.inf)[of]):
-            return np.diag(np.full(4, np.inf))
         free = np.isfinite(self.distances(fixed, np.inf))
+        if not free[of]:
+            return np.diag(np.full(4, np.inf))
         free[fixed] = False
         normal, _ = self._linearised(self.poses, np.array(self.weights))
         index = np.flatnonzero(np.repeat(free, 4))

@@ -41,6 +41,7 @@ GIVEN_UP_MARK: dict[str, Any] = {
     "marker": "X", "color": palette.OCCUPIED, "markeredgecolor": "white", "markersize": 8,
     "linestyle": "none", "label": "given up",
 }  # fmt: skip
+_ROBOT: dict[str, Any] = {"facecolor": palette.ROBOT, "edgecolor": palette.FOOTPRINT}
 BOUNDARY_LINE: dict[str, Any] = {
     "color": palette.ODOMETRY, "linewidth": 1.4, "linestyle": "--", "label": "boundary",
 }  # fmt: skip
@@ -109,7 +110,11 @@ def draw(
     map_figures.draw_picture(axes, shown.geometry, _cells(shown, norm, params))
     axes.plot(*driven.T, **palette.DRIVEN_LINE)
     axes.plot(*driven[0], **palette.START_MARK)
-    entries = [palette.line_entry(palette.DRIVEN_LINE), palette.line_entry(palette.START_MARK)]
+    axes.fill(*_outline(snapshots[-1], params).T, **_ROBOT, zorder=4)
+    entries = [
+        palette.line_entry(palette.DRIVEN_LINE), palette.line_entry(palette.START_MARK),
+        palette.footprint_entry("robot at the end"),
+    ]  # fmt: skip
     if len(boundary):
         axes.plot(*np.vstack([boundary, boundary[:1]]).T, **BOUNDARY_LINE)
         entries.append(palette.line_entry(BOUNDARY_LINE))
@@ -170,8 +175,7 @@ def _stage(axes: Axes, shown: HeightMap, boundary: NDArray[np.float64]) -> dict[
         "path": axes.plot([], [], **palette.PLANNED_LINE)[0],
         "driven": axes.plot([], [], **palette.DRIVEN_LINE)[0],
         "places": axes.scatter([], [], s=[], color=palette.FRONTIER, edgecolors="black", zorder=3),
-        "robot": axes.fill([0.0], [0.0], facecolor=palette.ROBOT, edgecolor=palette.FOOTPRINT,
-                           zorder=4)[0],
+        "robot": axes.fill([0.0], [0.0], **_ROBOT, zorder=4)[0],
         "goal": axes.plot([], [], **palette.GOAL_MARK, zorder=5)[0],
     }  # fmt: skip
     entries = [
@@ -201,14 +205,19 @@ def _show(
     artists["places"].set_sizes(_LARGEST_MARK**2 * snapshot.gains[worth] / largest)
     goal = snapshot.goal
     artists["goal"].set_data(*(([goal.x], [goal.y]) if goal is not None else ([], [])))
-    half = np.array([params.planner.robot_length, params.planner.robot_width]) / 2
-    corners = np.array([(1, 1), (1, -1), (-1, -1), (-1, 1)]) * half
-    outline = se3.transform_points(snapshot.robot[None], np.column_stack([corners, np.zeros(4)]))
-    artists["robot"].set_xy(outline[:, :2])
+    artists["robot"].set_xy(_outline(snapshot, params))
     artists["title"].set_text(
         f"{snapshot.seconds:6.1f} s   {snapshot.distance:6.1f} m driven   "
         f"{snapshot.covered_area:6.1f} m² covered"
     )
+
+
+def _outline(snapshot: Snapshot, params: Params) -> NDArray[np.float64]:
+    """(4, 2) [m], map: the corners of the robot."""
+    half = np.array([params.planner.robot_length, params.planner.robot_width]) / 2
+    corners = np.array([(1, 1), (1, -1), (-1, -1), (-1, 1)]) * half
+    outline = se3.transform_points(snapshot.robot[None], np.column_stack([corners, np.zeros(4)]))
+    return np.asarray(outline[:, :2])
 
 
 def _cells(shown: HeightMap, norm: Normalize, params: Params) -> NDArray[np.uint8]:

@@ -142,3 +142,16 @@ def test_a_robot_that_drives_without_registrations_is_degraded_when_its_deviatio
         False: State.TRACKING, True: State.DEGRADED,
     }  # fmt: skip
     assert len(set(states)) == 2
+
+
+def test_a_pose_that_was_given_is_not_tracking_before_the_map_has_confirmed_it():
+    health = Health(dataclasses.replace(PARAMS, confirmations=1, degraded_deviation=0.3))
+    for deviation, state in (
+        (0.29, State.DEGRADED), (0.13, State.DEGRADED), (0.1, State.TRACKING),
+        (0.29, State.TRACKING), (0.31, State.DEGRADED), (0.29, State.TRACKING),
+    ):  # fmt: skip
+        health.update(registration(), deviation)
+        assert health.state is state
+    health.begin()  # given once more
+    health.update(registration(), 0.29)
+    assert health.state is State.DEGRADED

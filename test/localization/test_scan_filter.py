@@ -247,3 +247,17 @@ def test_the_noise_of_turns_is_learned(room, noise):
     assert max(0.5 * noise, 0.006) <= learned <= max(2.0 * noise, 0.02)
     yaw = se3.to_xyz_rpy(estimate.T_map_odom @ T_odom_base)[5]
     assert abs(np.angle(np.exp(1j * (yaw - true)))) < 0.02
+
+
+def test_a_slope_tells_a_place_only_where_the_prior_is_not_wide():
+    rng = np.random.default_rng(5)
+    slope = 0.2, 0.0
+    landmarks = landmarks_seen_by(ground_returns(rng, 60000, slope=slope, noise=0.005))
+    seen = ground_returns(rng, 900, half=(3.0, 1.1), slope=slope, noise=0.005)
+    for spread, is_told in ((0.05, True), (0.5, False)):
+        precision = np.diag(1.0 / np.square([spread, spread, 0.02, 0.01]))
+        found = scan_update.update_by_returns(
+            seen, np.zeros(3), precision, landmarks, PARAMS.scan_filter
+        )
+        assert (found.information[0, 0] > 100.0) == is_told
+        assert found.information[3, 3] > 1e4

@@ -3,6 +3,7 @@
 """Messages in, plans out, without ROS."""
 
 import math
+from dataclasses import replace
 from itertools import islice
 from types import SimpleNamespace
 
@@ -14,7 +15,8 @@ from repository import BAGS
 
 from heightmap25d_msgs.msg import HeightGrid
 from heightmap25d_ros import memory
-from heightmap25d_ros.io import encode
+from heightmap25d_ros.grid.height_map import HeightMap
+from heightmap25d_ros.io import decode, encode
 from heightmap25d_ros.io.bag import Bag
 from heightmap25d_ros.params.by_name import with_values
 from heightmap25d_ros.params.sections import Params
@@ -627,3 +629,23 @@ def test_memory_is_estimated_before_it_is_taken(monkeypatch):
     assert_refused(p.take_goal(pose_stamped(*EAST)), Status.UNKNOWN, "planning over this map needs")
     monkeypatch.undo()
     assert_plans(p)
+
+
+def test_a_map_of_level_lasers_cannot_be_planned_on():
+    p = Planning(Params())
+    p.take_map(grid(FLAT, level_lasers=True))
+    assert "level lasers" in p.trouble
+    p.take_odometry(odometry(START, (*WEST, 0.0)))
+    plan = p.take_goal(pose_stamped(*EAST))
+    assert plan.status is Status.UNKNOWN
+    assert "level lasers" in plan.reason
+    assert p.take_map(grid(FLAT, header=header(START + 1, "map"))).found
+    assert p.trouble == ""
+
+
+def test_a_height_grid_says_that_level_lasers_made_it():
+    for is_level in (False, True):
+        message = HeightGrid()
+        made = replace(HeightMap.from_metres(np.zeros((2, 3))), is_level=is_level)
+        encode.fill_height_grid(message, made, START, "map")
+        assert decode.height_map(message).is_level == is_level

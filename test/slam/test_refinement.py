@@ -1,0 +1,82 @@
+# SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Poses of a whole drive, from those of its keyframes and from its loops."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from heightmap25d_ros import se3
+from heightmap25d_ros.params.sections import Params
+from heightmap25d_ros.slam import refinement
+from heightmap25d_ros.slam.bundle import Keyframe, Refined
+from heightmap25d_ros.slam.own_map_tracker import Placed
+from heightmap25d_ros.slam.pose_graph import Edge, PoseGraph
+
+SIDE = np.array([4.0, 0.0, np.pi / 2, 0.0])
+CORNERS = np.array([[0, 0, 0], [4, 0, np.pi / 2], [4, 4, np.pi], [0, 4, -np.pi / 2], [0, 0, 0]])
+
+
+def planar(x, y, yaw):
+    return se3.from_xyz_rpy([x, y, 0.0, 0.0, 0.0, yaw])
+
+
+def square():
+    """A drive around a square, a submap and a keyframe for each side; odometry is right."""
+    graph, submaps, keyframes, placed = PoseGraph(), [], [], []
+    for number, corner in enumerate(CORNERS):
+        T = planar(*corner)
+        graph.add(np.array([*corner, 0.0]))
+        submaps.append(SimpleNamespace(T_map_submap=np.eye(4), start=T))
+        keyframes.append(Keyframe(2 * number, number, np.eye(4), T, np.empty((0, 3), np.float32)))
+        for k, pose in enumerate((T, T @ planar(2.0, 0.0, 0.0))):
+            stamp = 10 * number + k
+            placed.append(Placed(stamp, pose, number, np.eye(4), np.zeros((3, 3)), True))
+        if number:
+            graph.join(Edge(number - 1, number, SIDE, 100.0 * np.eye(4), distance=4.0))
+    graph.join(Edge(0, 4, np.zeros(4), 1e6 * np.eye(4), is_loop=True))
+    return SimpleNamespace(
+        graph=graph, submaps=submaps, keyframes=keyframes, placed=placed, loops_closed=1,
+        poses=lambda: [refinement.ScanPose(p.stamp_ns, np.eye(4), True) for p in placed],
+    )  # fmt: skip
+
+
+def refined(monkeypatch, T_map_odom, tilts=None):
+    found = Refined(T_map_odom, np.zeros((5, 2)) if tilts is None else tilts)
+    monkeypatch.setattr(refinement, "refined", lambda *_: found)
+    tracker = square()
+    return tracker, refinement.refined_poses(tracker, Params().scan_filter)
+
+
+def test_loops_that_agree_change_nothing(monkeypatch):
+    tracker, poses = refined(monkeypatch, np.broadcast_to(np.eye(4), (5, 4, 4)))
+    for pose in poses:
+        np.testing.assert_allclose(pose.T_map_odom, np.eye(4), atol=1e-6)
+    assert refinement.disagreed(tracker, poses) == 0.0
+
+
+def test_a_loop_brings_the_end_back(monkeypatch):
+    drifted = np.array([planar(0.05 * k, 0.0, 0.0) for k in range(5)])
+    _, poses = refined(monkeypatch, drifted)
+    away = [np.hypot(*pose.T_map_odom[:2, 3]) for pose in poses[::2]]
+    assert away[0] == pytest.approx(0.0, abs=1e-6)
+    assert away[4] == pytest.approx(0.0, abs=1e-3)
+    assert max(away) < 0.15
+
+
+def test_scans_between_keyframes_share_in_both(monkeypatch):
+    moved = np.array([planar(0.0, 0.1 * k, 0.0) for k in range(5)])
+    monkeypatch.setattr(refinement, "_looped", lambda _tracker, _before, found: found)
+    tilts = np.column_stack([0.01 * np.arange(5), np.zeros(5)])
+    _, poses = refined(monkeypatch, moved, tilts)
+    half = poses[1].T_map_odom  # 2 m of the 4 m to the next keyframe
+    assert half[1, 3] == pytest.approx(0.05)
+    assert se3.to_xyz_rpy(half)[3] == pytest.approx(0.005, abs=1e-6)
+
+
+def test_where_the_bundle_moves_the_robot_far_is_told(monkeypatch):
+    moved = np.array([planar(0.0, 0.0, 0.0)] * 3 + [planar(0.0, 1.0, 0.0)] * 2)
+    monkeypatch.setattr(refinement, "_looped", lambda _tracker, _before, found: found)
+    tracker, poses = refined(monkeypatch, moved)
+    assert 4.0 <= refinement.disagreed(tracker, poses) <= 10.0
