@@ -44,8 +44,8 @@ def soonest_tour(first: Array, between: Array, worth: Array) -> list[int]:
     --------
     >>> at = np.array([1.0, -1.5, 4.0])
     >>> soonest_tour(np.abs(at), np.abs(at[:, None] - at), np.ones(3))
-    [0, 1, 2]
-    >>> soonest_tour(np.abs(at), np.abs(at[:, None] - at), np.array([1.0, 1.0, 9.0]))
+    [1, 0, 2]
+    >>> soonest_tour(np.abs(at), np.abs(at[:, None] - at), np.array([1.0, 1.0, 50.0]))
     [0, 2, 1]
     """
     if len(first) > MOST:
