@@ -54,9 +54,8 @@ class DrivenGround:
         self._travelled = self._compared_at = 0.0
         self._scans = self._next = 0
         self._corner: NDArray[np.float64] | None = None  # [m], odom: of the places
-        self._places = np.full(
-            (_KEPT, 2), np.nan, np.float32
-        )  # of the points, to be looked through
+        # Of the points, small enough to be looked through at each place.
+        self._places = np.full((_KEPT, 2), np.nan, np.float32)
         self._points, self._levers = np.empty((2, _KEPT, 3))
         self._scan_of = np.empty(_KEPT, np.int64)
         self._compared: deque[NDArray[np.float64]] = deque(maxlen=_PLACES)
