@@ -126,6 +126,14 @@ build() {
   )
 }
 
+compile_kernels() { # so that the first start of a node is as quick as the others
+  echo "heightmap25d: compiling, which takes a minute or so"
+  (
+    . env.sh
+    python scripts/compile_kernels.py
+  )
+}
+
 once() { # once STAMP KEY COMMAND: runs the command unless the stamp says that it was done
   [ "$(cat "$1" 2> /dev/null)" = "$2" ] && return
   require_machine
@@ -144,9 +152,10 @@ build_key=$(
   {
     echo "$packages_key"
     find config launch rviz -type f 2> /dev/null | sort || true
-    cat heightmap25d_msgs/{package.xml,CMakeLists.txt,msg/*,srv/*}
+    cat heightmap25d_msgs/{package.xml,CMakeLists.txt,msg/*,srv/*,action/*}
     cat package.xml setup.py setup.cfg colcon_defaults.yaml scripts/{heightmap25d,write_tf2_msgs.py}
   } | sha256sum
 )
 once .venv/packages.key "$packages_key" install_packages
 once install/build.key "$build_key" build
+once install/kernels.key "$build_key" compile_kernels
