@@ -147,22 +147,16 @@ class UpperSurfaces:
 
     def continued_by(self, others: UpperSurfaces) -> NDArray[np.bool_]:
         """(N,) of others: those with the same height as these in two of the cells around them."""
+        if not len(self):
+            return np.zeros(len(others), np.bool_)
         columns = 2 + int(max(self.cell[:, 1].max(initial=0), others.cell[:, 1].max(initial=0)))
         keys, wanted = self.cell @ (columns, 1), others.cell @ (columns, 1)
         depth = 1 + int(self.rank.max(initial=0))
         count = np.zeros(len(others), np.int64)
-        for beside in (
-            -columns - 1,
-            -columns,
-            1 - columns,
-            -1,
-            1,
-            columns - 1,
-            columns,
-            columns + 1,
-        ):
+        steps = [y * columns + x for y in (-1, 0, 1) for x in (-1, 0, 1) if (y, x) != (0, 0)]
+        for beside in steps:
             at = np.searchsorted(keys, wanted + beside)[:, None] + np.arange(depth)
-            index = np.minimum(at, max(len(self) - 1, 0))
+            index = np.minimum(at, len(self) - 1)
             is_there = (at < len(self)) & (keys[index] == (wanted + beside)[:, None])
             off = np.abs(self.top[index].astype(np.int64) - others.top[:, None])
             count += (is_there & (off <= SAME_HEIGHT)).any(axis=1)

@@ -274,3 +274,23 @@ def test_surfaces_that_are_none_are_refused():
         UpperSurfaces.of([(0, 0)], top=[1, 2], bottom=[0, 0])
     with pytest.raises(ValueError, match="a bottom is above its top"):
         UpperSurfaces.of([(0, 0)], top=[1], bottom=[2])
+
+
+@pytest.mark.parametrize(
+    ("around", "top", "is_continued"),
+    [
+        ([], 250, False),
+        ([(4, 4)], 250, False),
+        ([(4, 4), (6, 6)], 250, True),
+        ([(4, 4), (6, 6)], 260, True),
+        ([(4, 4), (6, 6)], 261, False),
+        ([(4, 4), (7, 5)], 250, False),  # two cells away
+        ([(5, 0), (4, 9)], 250, False),  # the end of a row is not beside the next one's beginning
+    ],
+)
+def test_a_reading_continues_surfaces_of_its_height_in_two_cells_around_it(
+    around, top, is_continued
+):
+    deck = UpperSurfaces.of(around, [250] * len(around), [240] * len(around))
+    reading = UpperSurfaces.of([(5, 5)], [top], [top])
+    assert deck.continued_by(reading).tolist() == [is_continued]
