@@ -139,6 +139,8 @@ class Hypotheses:
                 raise TypeError("estimates: only a ScanFilter is updated by scans")
             landmarks = long_term.at(hypothesis.estimate.T_map_odom @ T_odom_base).landmarks
             assert landmarks is not None
+            if not hypothesis.updates:
+                hypothesis.estimate.begin_at_best(returns, T_odom_base, landmarks)
             found[id(hypothesis)] = hypothesis.estimate.prove(returns, T_odom_base, landmarks)
             hypothesis.take(found[id(hypothesis)])
         best = self.best

@@ -10,6 +10,7 @@ heading per distance. How much the wheels slip is learned as well.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import product
 
 import numpy as np
 
@@ -33,6 +34,7 @@ _LEAST_SLIP = 0.01
 _TURN_LENGTH = 6.0  # [rad] of turning over which the noise of turns is learned
 _MOST_TURN_NOISE = 0.2  # [rad] that a radian of turning adds to the yaw at most
 _NEAR, _NEAR_YAW = 0.08, 0.03  # [m], [rad] deviation of a pose near which scans search
+_BESIDE = (0.0, -0.1, 0.1)  # [m] from a place that a search has found, in x and in y
 _NEARBY: Array = np.diag(np.square([1 / _NEAR, 1 / _NEAR, 1 / _NEAR_YAW, 1 / _NEAR]))
 _SAME_PLACE, _SAME_YAW = 0.12, 0.05  # [m], [rad] between a registration and what scans found
 _MOST_RESIDUAL = 0.05  # [m] mean distance from the map, of at most 0.1 m a return: as by chance
@@ -258,6 +260,20 @@ class ScanFilter:
         """Follow the map near the pose, which stays as uncertain as it is: it may be elsewhere."""
         found, _ = self._look_near(returns, T_odom_base, landmarks)
         self._is_settling |= found.is_accepted
+
+    def begin_at_best(self, returns: Array, T_odom_base: se3.Matrix, landmarks: Landmarks) -> None:
+        """Move to where returns fit best, of the places within a cell of a search.
+
+        Each wall has two sides: from between them scans can lead to the wrong one.
+        """
+        before, best, least = self.T_map_odom, self.T_map_odom, np.inf
+        for x, y in product(_BESIDE, _BESIDE):
+            self._move(T_odom_base, (x, y, 0.0), 0.0)
+            found, usable = self._look(returns, T_odom_base, landmarks, _NEARBY)
+            if usable is not None and found.residual < least:
+                best, least = self.T_map_odom, found.residual
+            self.T_map_odom = before
+        self.T_map_odom = best
 
     def prove(self, returns: Array, T_odom_base: se3.Matrix, landmarks: Landmarks) -> Registration:
         """As `update` at a pose that was proposed: scans look nearer than it is uncertain."""

@@ -139,3 +139,23 @@ def test_a_map_without_landmarks_that_comes_meanwhile_begins_the_search_anew():
                 tracker.set_long_term(LongTermMap.of(height_map, None, PARAMS))
     assert 2 in weights
     assert weights[-1] == 0
+
+
+@pytest.mark.parametrize("off", [(0.0, 0.12), (0.05, 0.12), (0.0, -0.1)])
+def test_the_far_side_of_a_wall_is_not_taken_for_the_near_one(off):
+    """The map knows both sides of a thick wall; the robot, found between them, sees one."""
+    near, far = ((-2.4, 1.3), (2.4, 1.3)), ((-2.4, 1.5), (2.4, 1.5))
+    sides = tuple(((x, -1.2), (x, 1.3)) for x in (-2.4, 2.4))
+
+    def returns(rng, count, walls):
+        return np.concatenate([
+            ground_returns(rng, count // 2, half=(2.3, 1.1), noise=0.01),
+            wall_returns(rng, 3 * count // 2, walls, noise=0.01),
+        ])  # fmt: skip
+
+    whole = mapped(returns(np.random.default_rng(1), 60000, (near, far, *sides)))
+    (pose,) = poses(off[0])
+    pose.T_map_odom[1, 3] = off[1]
+    seen = returns(np.random.default_rng(2), 800, (near, *sides))
+    Hypotheses([pose]).update(seen, np.eye(4), LongTermMap.of(*whole, PARAMS))
+    np.testing.assert_allclose(pose.T_map_odom[:2, 3], 0.0, atol=0.03)
