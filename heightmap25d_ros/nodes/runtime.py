@@ -12,7 +12,7 @@ from types import FrameType
 from typing import Any
 
 import rclpy
-from rclpy.exceptions import NameValidationException, ParameterException
+from rclpy.exceptions import InvalidHandle, NameValidationException, ParameterException
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 
@@ -138,5 +138,7 @@ def _spin(node: GuardedCallbacks, interruption: _Interruption) -> None:
     executor = EventsExecutor()
     executor.add_node(node)
     while not interruption.has_come:
-        with node.guard.catching():  # an answer that cannot be sent fails outside of its callback
+        # An answer that cannot be sent fails outside of its callback. What waits for a subscription
+        # or a timer that was destroyed meanwhile is for nobody any more.
+        with node.guard.catching(), suppress(InvalidHandle):
             executor.spin_once(timeout_sec=_LONGEST_WAIT)
