@@ -25,7 +25,7 @@ import clouds
 import numpy as np
 import rclpy
 from nav_msgs.msg import Odometry
-from node import _cpu_seconds
+from process_cpu import cpu_seconds
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import PointCloud2
 
@@ -57,9 +57,9 @@ def measure() -> dict[str, float]:
         while not all(publisher.get_subscription_count() for publisher in publishers.values()):
             time.sleep(0.05)
         time.sleep(1.0)
-        cpu_before = _cpu_seconds(process.pid)
+        cpu_before = cpu_seconds(process.pid)
         published, seconds = _publish(publishers, events)
-        cpu_seconds = _cpu_seconds(process.pid) - cpu_before
+        used = cpu_seconds(process.pid) - cpu_before
         process.send_signal(signal.SIGINT)
         process.wait(timeout=30)
         merged = json.loads(file.read_text())
@@ -75,7 +75,7 @@ def measure() -> dict[str, float]:
         "clouds published": len(published),
         "clouds not merged": len(published) - len(latency),
         "messages dropped": merged["dropped"],
-        "CPU [s per s]": cpu_seconds / seconds,
+        "CPU [s per s]": used / seconds,
         "latency p50 [ms]": float(p50),
         "latency p99 [ms]": float(p99),
         "points/s": len(latency) * clouds.POINTS / seconds,

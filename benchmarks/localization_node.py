@@ -21,6 +21,7 @@ from pathlib import Path
 
 import numpy as np
 import rclpy
+from process_cpu import cpu_seconds
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import LaserScan
@@ -84,13 +85,13 @@ def _measured(node: Node, pid: int) -> dict[str, float]:
     )
     while not scanned:
         _spin(node, end)
-    began, cpu = time.monotonic(), _cpu_seconds(pid)
+    began, cpu = time.monotonic(), cpu_seconds(pid)
     while replay.poll() is None:
         _spin(node, end)
     seconds = time.monotonic() - began
     p50, p99 = np.percentile(latency, [50, 99])
     return {
-        "CPU seconds a second": (_cpu_seconds(pid) - cpu) / seconds,
+        "CPU seconds a second": (cpu_seconds(pid) - cpu) / seconds,
         "registrations": len(latency),
         "scan -> registered p50 [ms]": float(p50),
         "scan -> registered p99 [ms]": float(p99),
@@ -102,11 +103,6 @@ def _spin(node: Node, end: float) -> None:
     if time.monotonic() > end:
         raise TimeoutError("the localization node does not answer")
     rclpy.spin_once(node, timeout_sec=0.1)
-
-
-def _cpu_seconds(pid: int) -> float:
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 if __name__ == "__main__":

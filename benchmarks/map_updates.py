@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 import rclpy
 from nav_msgs.msg import OccupancyGrid
+from process_cpu import cpu_seconds
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
@@ -94,9 +95,9 @@ def _run(directory: str, topics: dict[str, Any]) -> dict[str, float]:
     received.clear()
     played = _start("replay", str(RAMP), "--topics", "/scan", "/scan_down", "/odom", "/tf_static")
     _spin_until(executor, lambda: node.count_publishers("scan") > 0)
-    began, cpu = time.monotonic(), _cpu_seconds(process.pid)
+    began, cpu = time.monotonic(), cpu_seconds(process.pid)
     _spin_until(executor, lambda: played.poll() is not None)
-    seconds, cpu = time.monotonic() - began, _cpu_seconds(process.pid) - cpu
+    seconds, cpu = time.monotonic() - began, cpu_seconds(process.pid) - cpu
     process.send_signal(signal.SIGINT)
     process.wait()
     node.destroy_node()
@@ -122,15 +123,10 @@ def _spin_until(executor: SingleThreadedExecutor, is_done: Any) -> None:
 
 def _is_idle(executor: SingleThreadedExecutor, pid: int) -> bool:
     """Whether a process takes nearly no CPU for a second."""
-    cpu, end = _cpu_seconds(pid), time.monotonic() + 1.0
+    cpu, end = cpu_seconds(pid), time.monotonic() + 1.0
     while time.monotonic() < end:
         executor.spin_once(timeout_sec=0.05)
-    return _cpu_seconds(pid) - cpu < 0.1
-
-
-def _cpu_seconds(pid: int) -> float:
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    return cpu_seconds(pid) - cpu < 0.1
 
 
 if __name__ == "__main__":

@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 import rclpy
 from nav_msgs.msg import OccupancyGrid, Odometry
+from process_cpu import cpu_seconds
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import LaserScan, PointCloud2
@@ -74,9 +75,9 @@ def _run(executor: str, listened: dict[str, Any]) -> dict[str, float]:
             [sys.executable, Path(__file__).with_name("measured_node.py"), str(file), executor]
         )
         publishers = _publishers(node)
-        cpu_before = _cpu_seconds(process.pid)
+        cpu_before = cpu_seconds(process.pid)
         published, seconds = _publish(node, publishers)
-        cpu_seconds = _cpu_seconds(process.pid) - cpu_before
+        used = cpu_seconds(process.pid) - cpu_before
         time.sleep(0.5)
         process.send_signal(signal.SIGINT)
         process.wait(timeout=30)
@@ -89,7 +90,7 @@ def _run(executor: str, listened: dict[str, Any]) -> dict[str, float]:
     ]
     p50, p99 = np.percentile(latency, [50, 99])
     figures = {
-        "CPU [s per s]": cpu_seconds / seconds,
+        "CPU [s per s]": used / seconds,
         "latency p50 [ms]": float(p50),
         "latency p99 [ms]": float(p99),
         "scans published": len(published),
@@ -138,11 +139,6 @@ def _stamp_ns(data: bytes) -> int:
     """Of the header at the beginning of a serialized message (CDR, little-endian)."""
     sec, nanosec = np.frombuffer(data[4:12], "<u4").tolist()
     return sec * 10**9 + nanosec
-
-
-def _cpu_seconds(pid: int) -> float:
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 if __name__ == "__main__":

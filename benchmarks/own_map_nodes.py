@@ -18,6 +18,7 @@ import time
 from pathlib import Path
 
 import rclpy
+from process_cpu import cpu_seconds
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from heightmap25d_msgs.msg import LocalizationStatus
@@ -57,13 +58,13 @@ def measure() -> dict[str, float]:
             rclpy.spin_once(node, timeout_sec=0.1)
         command = [sys.executable, "-m", "heightmap25d_ros.nodes.replay", BAG, "--wait", "60"]
         topics = ["--topics", "/scan", "/scan_down", "/odom", "/tf_static"]
-        before = {name: _cpu_seconds(process.pid) for name, process in processes.items()}
+        before = {name: cpu_seconds(process.pid) for name, process in processes.items()}
         began = time.monotonic()
         replay = subprocess.Popen([*command, *topics], stdout=subprocess.DEVNULL)
         while replay.poll() is None:
             rclpy.spin_once(node, timeout_sec=0.1)
         seconds = time.monotonic() - began
-        used = {name: _cpu_seconds(p.pid) - before[name] for name, p in processes.items()}
+        used = {name: cpu_seconds(p.pid) - before[name] for name, p in processes.items()}
     finally:
         for process in processes.values():
             process.send_signal(signal.SIGINT)
@@ -76,11 +77,6 @@ def measure() -> dict[str, float]:
         "together": sum(used.values()) / seconds,
         "never tracking": float(LocalizationStatus.TRACKING not in states),
     }
-
-
-def _cpu_seconds(pid: int) -> float:
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 if __name__ == "__main__":
