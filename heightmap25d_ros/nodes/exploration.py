@@ -24,7 +24,6 @@ from heightmap25d_msgs.msg import (
     UpperSurfaces,
 )
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.exploration.boundary import Boundary
 from heightmap25d_ros.exploration.explorer import Choice
 from heightmap25d_ros.io import encode
 from heightmap25d_ros.nodes import qos, runtime
@@ -34,6 +33,7 @@ from heightmap25d_ros.nodes.pose_source import pose_inputs
 from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.exploration import Exploration
 from heightmap25d_ros.pipelines.exploration_task import End, State, Task, requested
+from heightmap25d_ros.planning.boundary import Boundary
 from heightmap25d_ros.planning.plan import Pose2D
 from heightmap25d_ros.planning.planner import compile_kernels
 from heightmap25d_ros.viz import palette
