@@ -1,13 +1,22 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where a map differs from the one before."""
+"""Where a map differs from the one before, and a map with a part of it replaced."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from heightmap25d_ros.grid.height_map import SUSPECTED, Cell, HeightMap, stored_probability
+from heightmap25d_ros.grid.height_map import (
+    SUSPECTED,
+    Area,
+    Cell,
+    Geometry,
+    HeightMap,
+    stored_probability,
+)
 from heightmap25d_ros.kernels import inlined_kernel, kernel
 
 _UNKNOWN = SUSPECTED + 1  # nor is this the height of a known cell
@@ -49,6 +58,32 @@ def changed_blocks(
         corner, side, changed,
     )  # fmt: skip
     return changed
+
+
+def part_in(inner: Geometry, outer: Geometry) -> Area | None:
+    """The cells of a geometry among those of another one; None where they are no part of them."""
+    if (inner.resolution, inner.ground_zero) != (outer.resolution, outer.ground_zero):
+        return None
+    iy, ix = (int(n) for n in outer.cell_at(np.add(inner.origin, 0.5 * inner.resolution)))
+    inside = Area(iy, ix, *inner.shape)
+    return inside if inside.within(Area(0, 0, *outer.shape)) == inside else None
+
+
+def with_part(height_map: HeightMap, part: HeightMap) -> HeightMap:
+    """Copy of a map in which another one has taken the place of its lowest surfaces there.
+
+    Raises
+    ------
+    ValueError
+        If it is no part of the map.
+    """
+    inside = part_in(part.geometry, height_map.geometry)
+    if inside is None or part.probability_threshold != height_map.probability_threshold:
+        raise ValueError("is no part of the map")
+    here = inside.slices(Area(0, 0, *height_map.geometry.shape))
+    height, probability = height_map.height.copy(), height_map.probability.copy()
+    height[here], probability[here] = part.height, part.probability
+    return replace(height_map, height=height, probability=probability, is_level=part.is_level)
 
 
 @kernel

@@ -77,6 +77,11 @@ class Planning:
         height_map = self._map.take_lowest(message)
         return None if height_map is None else self.set_map(height_map)
 
+    def take_map_update(self, message: Any) -> Plan | None:
+        """Take a heightmap25d_msgs/HeightGrid with what has changed of the map; a plan as above."""
+        height_map = self._map.take_update(message)
+        return None if height_map is None else self.set_map(height_map)
+
     def take_upper_surfaces(self, message: Any) -> Plan | None:
         """Take what is above the next map, or above the one that has come; a plan as above."""
         height_map = self._map.take_upper(message)

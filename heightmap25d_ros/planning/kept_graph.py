@@ -19,7 +19,7 @@ from scipy import ndimage
 
 from heightmap25d_ros import memory
 from heightmap25d_ros.grid.height_map import Area, Cell, Geometry, HeightMap
-from heightmap25d_ros.grid.map_changes import changed_blocks
+from heightmap25d_ros.grid.map_changes import changed_blocks, part_in
 from heightmap25d_ros.params.sections import PlannerParams, TraversabilityParams
 from heightmap25d_ros.planning.boundary import Boundary, confined
 from heightmap25d_ros.planning.graph import (
@@ -159,17 +159,8 @@ class KeptGraphs:
 
 def _corner_in(part: HeightMap, whole: HeightMap) -> Cell | None:
     """The cell of a map at which another one begins that is a part of it; None: it is none."""
-    inner, outer = part.geometry, whole.geometry
-    is_alike = (
-        inner.resolution == outer.resolution
-        and inner.ground_zero == outer.ground_zero
-        and part.is_level == whole.is_level
-    )
-    if not is_alike:
-        return None
-    iy, ix = (int(n) for n in outer.cell_at(np.add(inner.origin, 0.5 * inner.resolution)))
-    inside = Area(iy, ix, *inner.shape)
-    return (iy, ix) if inside.within(Area(0, 0, *outer.shape)) == inside else None
+    inside = part_in(part.geometry, whole.geometry)
+    return None if inside is None or part.is_level != whole.is_level else (inside.iy, inside.ix)
 
 
 def _pasted(part: TransitionGraph, corner: Cell, graph: TransitionGraph) -> TransitionGraph:

@@ -11,10 +11,14 @@ from nav_msgs.msg import OccupancyGrid
 from node_client import LATCHED, Client, mapping_node
 from rclpy.qos import QoSProfile
 
+from heightmap25d_msgs.msg import HeightGrid
 from heightmap25d_ros.grid.height_map import Area, Geometry
+from heightmap25d_ros.grid.map_changes import changed_blocks
 from heightmap25d_ros.nodes import map_updates
 from heightmap25d_ros.nodes.map_messages import UPDATE
 from heightmap25d_ros.nodes.map_updates import UpdatedTopic
+from heightmap25d_ros.pipelines.drops import Drops
+from heightmap25d_ros.pipelines.level_map import LevelMap
 
 MS = 10**6
 AREA = Area(64, 32, 32, 48)
@@ -111,6 +115,17 @@ def test_updates_soon_after_a_whole_map_are_repeated(settled, clock):
     assert not settled.is_due(1)
 
 
+def test_a_map_is_refreshed_now_and_then(graph, clock):
+    topic = UpdatedTopic(graph, "map", "map_updates", refreshed=60.0)
+    assert topic.next(AREA, PLACE) is None
+    first = topic.whole_ns
+    clock[0] += 59.0
+    assert topic.next(AREA, PLACE) is not None
+    clock[0] += 2.0
+    assert topic.next(AREA, PLACE) is None
+    assert topic.whole_ns > first
+
+
 class Follower(Client):
     """Keeps the whole maps and the updates of the topics, and what they say together."""
 
@@ -119,6 +134,12 @@ class Follower(Client):
         self.whole = {"map": [], "cost_map": []}
         self.updates = {"map": [], "cost_map": []}
         self.cells = {}
+        self.levels, self.heights, self.grids = LevelMap("map", Drops()), None, []
+        self.node.create_subscription(HeightGrid, "height_grid", self._take_grid, LATCHED)
+        if with_updates:
+            self.node.create_subscription(
+                HeightGrid, "height_grid_updates", self._take_grid_update, QoSProfile(depth=10)
+            )
         for topic in self.whole:
             self.node.create_subscription(
                 OccupancyGrid, topic, lambda m, t=topic: self._replace(t, m), LATCHED
@@ -128,6 +149,14 @@ class Follower(Client):
                     UPDATE, f"{topic}_updates",
                     lambda m, t=topic: self._update(t, m), QoSProfile(depth=10),
                 )  # fmt: skip
+
+    def _take_grid(self, message):
+        self.grids.append(message)
+        self.heights = self.levels.take_lowest(message)
+
+    def _take_grid_update(self, message):
+        heights = self.levels.take_update(message)
+        self.heights = self.heights if heights is None else heights
 
     def _replace(self, topic, message):
         self.whole[topic].append(message)
@@ -176,25 +205,30 @@ def test_a_listener_that_follows_the_updates_has_the_map_of_one_that_does_not(tm
     with mapping_node(tmp_path, *mount, *rate, namespace="/followed") as process:
         robot.scan((0, 2.5))
         follower.wait(lambda: follower.whole["map"] and follower.whole["cost_map"])
+        follower.wait(lambda: follower.grids)
         follower.spin(1.0)
         count = {topic: len(messages) for topic, messages in follower.whole.items()}
+        grids = len(follower.grids)
         assert follower.updates["map"] == []
         before = follower.cells["map"].copy()
         robot.scan((0, 2.5), (40, 3.0))
         follower.wait(lambda: follower.updates["map"] and follower.updates["cost_map"])
         follower.spin(1.0)
         assert {topic: len(m) for topic, m in follower.whole.items()} == count
+        assert len(follower.grids) == grids
         update, whole = follower.updates["map"][0], follower.whole["map"][-1]
         assert update.header.frame_id == "map"
         assert update.width * update.height < 0.7 * whole.info.width * whole.info.height
         assert (follower.cells["map"] != before).any()
         late = Follower("/followed", "late", with_updates=False)
-        late.wait(lambda: late.whole["map"] and late.whole["cost_map"])
+        late.wait(lambda: late.whole["map"] and late.whole["cost_map"] and late.heights)
 
         def agree():
             late.spin(0.05)
             follower.spin(0.05)
-            return all(np.array_equal(late.cells[t], follower.cells[t]) for t in follower.cells)
+            return not changed_blocks(late.heights, follower.heights).any() and all(
+                np.array_equal(late.cells[t], follower.cells[t]) for t in follower.cells
+            )
 
         late.wait(agree)
         robot.scan((0, 2.5), (60, 5.0))
