@@ -60,7 +60,8 @@ class LevelMap:
         self._loaded = found.loaded
         early, self._early = self._early, []
         for update in early:
-            self._update(update)
+            if update.loaded == self._loaded:
+                self._lowest = self._updated(self._lowest, update)
         return self._joined(self._lowest)
 
     def take_update(self, message: Any) -> HeightMap | None:
@@ -69,32 +70,34 @@ class LevelMap:
         None where it cannot be read, or all of the map is still to come.
         """
         found = self._dropped.decoded("map update", self._decoded, message)
-        if found is None or found.loaded < self._loaded:  # an older map has changed
+        if found is None:
             return None
         if found.loaded > self._loaded:
             same = [update for update in self._early if update.loaded == found.loaded]
             self._early = [*same, found][-_MOST_EARLY:]
+        if self._lowest is None or found.loaded != self._loaded:
             return None
-        return self._joined(self._lowest) if self._update(found) else None
+        before, self._lowest = self._lowest, self._updated(self._lowest, found)
+        return None if self._lowest is before else self._joined(self._lowest)
 
     def _decoded(self, message: Any) -> _Lowest:
+        height_map = decode.height_map(message, self._frame_id)
         loaded = message.info.map_load_time
         return _Lowest(
-            height_map=decode.height_map(message, self._frame_id),
+            height_map=height_map,
             stamp_ns=decode.stamp_ns(message.header),
             loaded=(int(loaded.sec), int(loaded.nanosec)),
         )
 
-    def _update(self, update: _Lowest) -> bool:
-        """Replace a part of the lowest surfaces; whether it is one."""
-        assert self._lowest is not None
+    def _updated(self, lowest: HeightMap, update: _Lowest) -> HeightMap:
+        """The lowest surfaces with an update; as they were where it is no part of them."""
         try:
-            self._lowest = with_part(self._lowest, update.height_map)
+            updated = with_part(lowest, update.height_map)
         except ValueError as error:
             self._dropped.record("map update: bad info", str(error))
-            return False
+            return lowest
         self._stamp_ns = update.stamp_ns
-        return True
+        return updated
 
     def take_upper(self, message: Any) -> HeightMap | None:
         """Take a heightmap25d_msgs/UpperSurfaces; a map where it belongs to one that has come."""
