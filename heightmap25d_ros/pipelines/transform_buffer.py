@@ -11,6 +11,7 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right
 from collections import deque
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from enum import Enum
 from functools import reduce
 from typing import Any
@@ -93,6 +94,27 @@ class _Edge:
         return interpolate(stamps, np.array(self.poses[around]), query_ns)
 
 
+@dataclass(slots=True, eq=False)
+class _Path:
+    """The way between two frames, from their common ancestor down to both.
+
+    Attributes
+    ----------
+    to_source, to_target : list of _Edge
+    T_target_source : (1, 4, 4) float64 or None
+        Where nothing moves, once it was looked up.
+    """
+
+    to_source: list[_Edge]
+    to_target: list[_Edge]
+    T_target_source: se3.Matrix | None = None
+
+    @property
+    def is_static(self) -> bool:
+        """Whether nothing moves."""
+        return all(edge.is_static for edge in (*self.to_source, *self.to_target))
+
+
 class TransformBuffer:
     """The recent poses of all frames to one another.
 
@@ -116,7 +138,7 @@ class TransformBuffer:
         self._max_gap_ns = round(max_gap * 1e9)
         self._history_ns = round(history * 1e9)
         self._edges: dict[str, _Edge] = {}
-        self._paths: dict[tuple[str, str], tuple[list[_Edge], list[_Edge]]] = {}  # looked up before
+        self._paths: dict[tuple[str, str], _Path] = {}  # looked up before
         self._missed: set[str] = set()  # frames that were asked for, and have no parent yet
         self._ends: set[str] = set()  # frames above others: what they are in matters to nobody
         self._unread: dict[str, deque[Any]] = {}
@@ -304,21 +326,29 @@ class TransformBuffer:
         path = self._paths.get((target, source)) or self._path(target, source)
         if path is None:
             return Missing.UNCONNECTED
-        T_common_source, T_common_target = (self._along(edges, stamps_ns) for edges in path)
+        if path.T_target_source is not None:
+            return path.T_target_source
+        found = self._between(path, stamps_ns)
+        if not isinstance(found, Missing) and path.is_static:
+            path.T_target_source = found
+        return found
+
+    def _between(self, path: _Path, stamps_ns: NDArray[np.int64]) -> se3.Matrix | Missing:
+        T_common_source = self._along(path.to_source, stamps_ns)
+        T_common_target = self._along(path.to_target, stamps_ns)
         if isinstance(T_common_source, Missing) or isinstance(T_common_target, Missing):
             return _final_first([T_common_source, T_common_target])
-        if not path[1]:
+        if not path.to_target:
             return T_common_source
         return se3.compose(se3.inverse(T_common_target), T_common_source)
 
-    def _path(self, target: str, source: str) -> tuple[list[_Edge], list[_Edge]] | None:
-        """From the common ancestor of two frames down to the source, and to the target."""
+    def _path(self, target: str, source: str) -> _Path | None:
         below = self._below_common(target, source)
         if below is None:
             return None
-        to_source, to_target = ([self._edges[frame] for frame in reversed(b)] for b in below)
-        self._paths[target, source] = to_source, to_target
-        return to_source, to_target
+        down, aside = ([self._edges[frame] for frame in reversed(frames)] for frames in below)
+        path = self._paths[target, source] = _Path(down, aside)
+        return path
 
     def chain(self, target: str, source: str) -> list[str]:
         """The frames whose poses in their parents lie between two frames; none if unconnected."""
