@@ -12,6 +12,7 @@ import tempfile
 from importlib.metadata import version
 from pathlib import Path
 
+import changed_maps
 import clouds
 import clouds_node
 import conversion
@@ -50,6 +51,9 @@ TARGETS = {
     ("node", "nobody listens: messages dropped"): ("<=", 0.0),
     ("node", "four maps at 2 Hz: scans not merged"): ("<=", 1.0),
     ("node", "four maps at 2 Hz: messages dropped"): ("<=", 0.0),
+    ("node", "fast lasers: CPU [s per s]"): ("<=", 0.25),
+    ("node", "fast lasers: latency p99 [ms]"): ("<=", 60.0),
+    ("node", "fast lasers: scans not merged"): ("<=", 1.0),
     ("fast lasers", "CPU [s per s]"): ("<=", 0.25),
     ("fast lasers", "scans not merged"): ("<=", 1.0),
     ("command line", "real_time_factor"): (">=", 80.0),
@@ -95,6 +99,7 @@ def main() -> None:
         "node": node.measure(),
         "clouds node": clouds_node.measure(),
         "planning node": planning_node.measure(),
+        "changed maps": changed_maps.measure(),
         "localization node": localization_node.measure(),
         "own-map nodes": own_map_nodes.measure(),
         "map updates": map_updates.measure(),
