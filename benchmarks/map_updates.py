@@ -5,8 +5,8 @@
     python benchmarks/map_updates.py
 
 The mapping node runs in a process of its own, with the large map loaded, and bags/ramp is replayed
-into it in real time. This process subscribes to ``map`` and ``cost_map``, with and without their
-updates, and counts what comes. Updates need map_msgs.
+into it in real time. This process subscribes to ``map`` and ``cost_map``, and to ``height_grid``,
+each with and without their updates, and counts what comes. Those of the first two need map_msgs.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from process_cpu import cpu_seconds
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
+from heightmap25d_msgs.msg import HeightGrid
 from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.io import map_directory
 from heightmap25d_ros.terrain.traversability import to_obstacle_map
@@ -45,14 +46,16 @@ PATIENCE = 300.0  # [s] until the map is loaded, and until it is there
 
 
 def measure() -> dict[str, float]:
-    """CPU of the node, and bytes per second of the two topics, for each kind of listener."""
+    """CPU of the node, and bytes per second of its topics, for each kind of listener."""
     os.environ["ROS_DOMAIN_ID"] = str(os.getpid() % 100 + 1)
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     whole: dict[str, Any] = {"map": OccupancyGrid, "cost_map": OccupancyGrid}
     updates = {f"{topic}_updates": OccupancyGridUpdate for topic in whole}
-    listeners = {"nobody": {}, "whole": whole}
+    heights = {"height_grid": HeightGrid}
+    listeners = {"nobody": {}, "whole": whole, "heights": heights}
     if OccupancyGridUpdate is not None:
         listeners["updates"] = whole | updates
+    listeners["updates of heights"] = heights | {"height_grid_updates": HeightGrid}
     rclpy.init()
     figures: dict[str, float] = {}
     with tempfile.TemporaryDirectory() as directory:
@@ -90,7 +93,8 @@ def _run(directory: str, topics: dict[str, Any]) -> dict[str, float]:
     arguments = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
     process = _start("mapping", "--ros-args", *arguments)
     _spin_until(executor, lambda: node.count_publishers("map") > 0)
-    _spin_until(executor, lambda: len(received) >= len(topics) // (2 if len(topics) > 2 else 1))
+    first = sum(not topic.endswith("_updates") for topic in topics)
+    _spin_until(executor, lambda: len(received) >= first)
     _spin_until(executor, lambda: _is_idle(executor, process.pid))
     received.clear()
     played = _start("replay", str(RAMP), "--topics", "/scan", "/scan_down", "/odom", "/tf_static")

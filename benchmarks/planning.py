@@ -41,8 +41,9 @@ import pyastar2d
 from numpy.typing import NDArray
 from scipy import ndimage, sparse
 from skimage.graph import MCP_Geometric
+from terrains import rolling_terrain
 
-from heightmap25d_ros.grid.height_map import Cell, Geometry, HeightMap
+from heightmap25d_ros.grid.height_map import Cell
 from heightmap25d_ros.params.sections import PlannerParams, TraversabilityParams
 from heightmap25d_ros.planning.graph import transition_graph
 from heightmap25d_ros.planning.search import DIAGONAL, STRAIGHT, cost_to_go
@@ -251,20 +252,6 @@ def _with_corners(weights: Weights) -> NDArray[np.uint16]:
         cost = (DIAGONAL if k & 1 else STRAIGHT) * 0.5 * (weights + there)
         incoming[1:-1, 1:-1, k] = np.where(np.isfinite(cost), cost + 0.5, 0.0)
     return incoming
-
-
-def rolling_terrain(side: int) -> HeightMap:
-    """Hills and walls with noise of 1 cm, one cell in twenty unknown."""
-    rng = np.random.default_rng(25)
-    y, x = np.indices((side, side), np.float32)
-    height = 60.0 * np.sin(x / 70.0) * np.cos(y / 90.0) + rng.normal(0.0, 1.0, x.shape)
-    height += 200.0 * ((x % 160 < 2) & (y % 100 < 70))
-    return HeightMap(
-        geometry=Geometry(resolution=0.125, origin=(0.0, 0.0), shape=(side, side)),
-        height=height.astype(np.int16),
-        probability=np.where(rng.random(x.shape) < 0.95, 60000, 1500).astype(np.uint16),
-        probability_threshold=0.5,
-    )
 
 
 def _preparation() -> dict[str, float]:

@@ -23,13 +23,13 @@ import time
 from typing import Any
 
 import numpy as np
-import planning
 import rclpy
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry, Path
 from numpy.typing import NDArray
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from terrains import rolling_terrain
 
 from heightmap25d_msgs.msg import HeightGrid, PlanStatus
 from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, PROBABILITY_SCALE, Cell, HeightMap
@@ -60,7 +60,7 @@ def measure() -> dict[str, float]:
 
 
 def _measured(node: Node) -> dict[str, float]:
-    height_map = planning.rolling_terrain(SIDE)
+    height_map = rolling_terrain(SIDE)
     start, goals = _places(height_map)
     paths: list[Path] = []
     states: list[PlanStatus] = []

@@ -12,6 +12,7 @@ import tempfile
 from importlib.metadata import version
 from pathlib import Path
 
+import changed_maps
 import clouds
 import clouds_node
 import conversion
@@ -95,6 +96,7 @@ def main() -> None:
         "node": node.measure(),
         "clouds node": clouds_node.measure(),
         "planning node": planning_node.measure(),
+        "changed maps": changed_maps.measure(),
         "localization node": localization_node.measure(),
         "own-map nodes": own_map_nodes.measure(),
         "map updates": map_updates.measure(),

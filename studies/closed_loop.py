@@ -161,7 +161,8 @@ def recorded(directory: Path, seed: int) -> Path:
     """A drive through the world: one of the project's bags, or one that is simulated."""
     bag = ROOT / "bags" / f"{WORLD}_{seed}"
     if not bag.exists():
-        bag = directory / "bag"
+        bag = directory / bag.name
+    if not bag.exists():
         recording.simulate(WORLD, seed, bag)
     return bag
 

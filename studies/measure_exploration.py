@@ -34,11 +34,11 @@ from heightmap25d_ros.evaluation import trajectory_error
 from heightmap25d_ros.evaluation.map_error import evaluate_map
 from heightmap25d_ros.evaluation.path_drivability import evaluate_path
 from heightmap25d_ros.evaluation.truth import TrueGround, Truth
-from heightmap25d_ros.exploration.boundary import Boundary
 from heightmap25d_ros.grid.height_map import Geometry
 from heightmap25d_ros.params import files
 from heightmap25d_ros.pipelines.exploration_task import Task
 from heightmap25d_ros.pipelines.localization import Localizer
+from heightmap25d_ros.planning.boundary import Boundary
 from heightmap25d_ros.simulation import recording, truth
 from heightmap25d_ros.simulation.explored import SimulatedExploration
 from heightmap25d_ros.simulation.simulation import Simulation

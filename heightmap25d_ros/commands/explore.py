@@ -21,12 +21,12 @@ from heightmap25d_ros.commands.common import (
     read_params,
 )
 from heightmap25d_ros.errors import NegativeResultError
-from heightmap25d_ros.exploration.boundary import Boundary
 from heightmap25d_ros.io import map_directory
 from heightmap25d_ros.params.sections import Params, SimulatorParams
 from heightmap25d_ros.params.spec import specs
 from heightmap25d_ros.pipelines.exploration_task import End, Task
 from heightmap25d_ros.pipelines.mapping import compile_kernels
+from heightmap25d_ros.planning.boundary import Boundary
 
 EXIT_NOT_DONE = 3
 _PNG, _GIF = "exploration.png", "exploration.gif"

@@ -19,7 +19,6 @@ from scipy import ndimage
 
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.exploration import frontiers
-from heightmap25d_ros.exploration.boundary import Boundary
 from heightmap25d_ros.exploration.looks import Looks
 from heightmap25d_ros.exploration.stops import Candidates, best_stops
 from heightmap25d_ros.exploration.survey import LEVEL, Survey
@@ -27,6 +26,7 @@ from heightmap25d_ros.exploration.surveyor import Surveyor
 from heightmap25d_ros.exploration.tour import MOST, least_between, soonest_tour
 from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.params.sections import Params
+from heightmap25d_ros.planning.boundary import Boundary
 from heightmap25d_ros.planning.plan import Pose2D
 
 GIVEN_UP_RADIUS = 0.6

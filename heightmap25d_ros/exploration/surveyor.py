@@ -10,8 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heightmap25d_ros.exploration import frontiers
-from heightmap25d_ros.exploration.boundary import Boundary
-from heightmap25d_ros.exploration.kept_graph import KeptGraph
 from heightmap25d_ros.exploration.looks import Looks
 from heightmap25d_ros.exploration.sight import Scenery
 from heightmap25d_ros.exploration.survey import LEVEL, Survey
@@ -19,7 +17,9 @@ from heightmap25d_ros.exploration.travel_costs import travel_costs, travel_costs
 from heightmap25d_ros.exploration.unseen_decks import deck_edges
 from heightmap25d_ros.grid.height_map import Geometry, HeightMap
 from heightmap25d_ros.params.sections import Params
+from heightmap25d_ros.planning.boundary import Boundary
 from heightmap25d_ros.planning.graph import TransitionGraph
+from heightmap25d_ros.planning.kept_graph import KeptGraphs
 from heightmap25d_ros.planning.level_graph import LevelGraph
 from heightmap25d_ros.planning.plan import Pose2D
 from heightmap25d_ros.planning.search import to_cell
@@ -41,7 +41,9 @@ class Surveyor:
 
     def __init__(self, params: Params, boundary: Boundary, looks: Looks) -> None:
         self._params, self._boundary, self._looks = params, boundary, looks
-        self._graphs: list[KeptGraph] = []  # of the slices
+        self._graphs = KeptGraphs(
+            params.traversability, params.planner, boundary, params.exploration.frontier_depth
+        )
         self._level = LevelFollower()
         self._inside: tuple[Geometry, Mask] | None = None
 
@@ -49,7 +51,7 @@ class Surveyor:
         """What a map offers to a robot; see `Explorer.survey`."""
         if len(height_map.upper):
             return self._survey_of_levels(height_map, robot)
-        graph, geometry = self._graph_of(0, height_map), height_map.geometry
+        graph, geometry = self._graphs.of(0, height_map), height_map.geometry
         is_there = geometry.contains(geometry.cell_at((robot.x, robot.y)))
         costs = (
             travel_costs(graph, robot, self._params)
@@ -57,12 +59,6 @@ class Surveyor:
             else np.full(geometry.shape, np.inf)
         )
         return self._offered(graph, height_map.known, costs, robot, is_one_level=True)
-
-    def _graph_of(self, number: int, height_map: HeightMap) -> TransitionGraph:
-        """The graph of a slice."""
-        while len(self._graphs) <= number:
-            self._graphs.append(KeptGraph(self._params, self._boundary))
-        return self._graphs[number].of(height_map)
 
     def inside(self, geometry: Geometry) -> Mask:
         """(rows, columns): cells inside the boundary."""
@@ -72,7 +68,7 @@ class Surveyor:
 
     def _survey_of_levels(self, height_map: HeightMap, robot: Pose2D) -> Survey:
         terrain, planner = self._params.traversability, self._params.planner
-        levels = LevelGraph(height_map, self._params.levels, terrain, planner, self._graph_of)
+        levels = LevelGraph(height_map, self._params.levels, terrain, planner, self._graphs.of)
         geometry = height_map.geometry
         surface = self._level.surface(levels.stack, robot.x, robot.y, robot.z or 0.0)
         costs, first = np.full((len(levels.graphs), *geometry.shape), np.inf), 0
@@ -139,10 +135,11 @@ class Surveyor:
         own, geometry = self._params.exploration, graph.geometry
         is_inside = self.inside(geometry)
         costs[~is_inside] = np.inf
-        looks = self._looks.of(geometry, None if is_one_level else graph.height)
+        height = np.nan_to_num(graph.height)  # where no known cell is near nothing is wanted
+        looks = self._looks.of(geometry, None if is_one_level else height)
         allowed = is_inside & (looks < own.looks)
         scenery = Scenery(
-            height=graph.height.copy(),
+            height=height,
             known=known,
             wanted=self._wanted(known, graph.occupied, costs, allowed, geometry),
             sensor_height=own.sensor_height,

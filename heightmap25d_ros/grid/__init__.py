@@ -4,5 +4,5 @@
 
 `height_map` is a dense rectangle: what is saved, published, converted and drawn. `height_grid` is
 the growing map, in tiles that take memory only where cells were observed (`lazy_zeros`). `levels`
-are the surfaces above the lowest one in a cell.
+are the surfaces above the lowest one in a cell, and `map_changes` tells where a map has changed.
 """

@@ -268,7 +268,7 @@ class HeightGrid:
             height=self.height.read(area),
             probability=self.probability.read(area),
             probability_threshold=probability_threshold,
-            upper=self._upper_surfaces(probability_threshold, area),
+            upper=self.upper_surfaces(probability_threshold, area),
         )
 
     @property
@@ -278,7 +278,7 @@ class HeightGrid:
         spans = self.upper.tile_span[first_y : last_y + 1, first_x : last_x + 1]
         return bool(count and spans.any())
 
-    def _upper_surfaces(self, probability_threshold: float, area: Area) -> UpperSurfaces:
+    def upper_surfaces(self, probability_threshold: float, area: Area) -> UpperSurfaces:
         """The surfaces above the lowest ones of an area: the known ones, and what continues them.
 
         A reading that the robot fits below waits until a second one confirms it. Beside known

@@ -10,7 +10,8 @@ a message defines as such (NaN where a layer of grid_map is unknown, an infinite
 from __future__ import annotations
 
 import array
-from typing import TYPE_CHECKING, Any
+from functools import cache
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,7 +23,9 @@ from heightmap25d_ros.grid.height_map import (
     PROBABILITY_SCALE,
     Geometry,
     HeightMap,
+    stored_probability,
 )
+from heightmap25d_ros.grid.levels import UpperSurfaces
 from heightmap25d_ros.localization.layers import NAMES, LayerMap
 
 if TYPE_CHECKING:  # a node that fills other messages needs neither
@@ -77,38 +80,77 @@ def fill_occupancy_grid_update(
     message.data = _array("b", occupancy)
 
 
-def fill_height_grid(message: Any, height_map: HeightMap, stamp: int, frame_id: str) -> None:
+def fill_height_grid(
+    message: Any,
+    height_map: HeightMap,
+    stamp: int,
+    frame_id: str,
+    *,
+    loaded: int | None = None,
+) -> None:
     """Fill a heightmap25d_msgs/HeightGrid.
 
     Rounding to a byte must not make a known cell unknown, nor an observed one unobserved. So
     the published threshold lies half-way between two bytes (0.5 stays 0.5), known cells are
     rounded to the upper side of it or above, other observed cells to the lower side.
+
+    Parameters
+    ----------
+    message : heightmap25d_msgs.msg.HeightGrid
+    height_map : HeightMap
+    stamp : int [ns]
+    frame_id : str
+    loaded : int [ns], optional
+        ``map_load_time``, which tells whole maps with updates apart; the stamp by default.
     """
     fill_header(message.header, stamp, frame_id)
-    _fill_info(message.info, height_map.geometry, stamp)
+    _fill_info(message.info, height_map.geometry, stamp if loaded is None else loaded)
     message.height_resolution = HEIGHT_RESOLUTION
-    rounded = np.rint(height_map.probability / _PROBABILITY_STEP)
-    lowest_known = _lowest_known(height_map)
-    observed = height_map.probability > 0
-    unknown = np.where(observed, np.clip(rounded, 1, lowest_known - 1), 0)
-    probability = np.where(height_map.known, np.maximum(rounded, lowest_known), unknown)
+    lowest_known = _lowest_known(height_map.probability_threshold)
     message.probability_threshold = (lowest_known - 0.5) / 255.0
     message.height = _array("h", height_map.height)
-    message.probability = _array("B", probability.astype(np.uint8))
+    known = stored_probability(height_map.probability_threshold)
+    message.probability = _array("B", _bytes_of(known, lowest_known)[height_map.probability])
     message.level_lasers = height_map.is_level
 
 
-def fill_upper_surfaces(message: Any, height_map: HeightMap, stamp: int, frame_id: str) -> None:
+@cache
+def _bytes_of(known: int, lowest_known: int) -> NDArray[np.uint8]:
+    """The byte for each stored probability, of which those from one on are known."""
+    probability = np.arange(PROBABILITY_SCALE + 1)
+    rounded = np.rint(probability / _PROBABILITY_STEP)
+    unknown = np.where(probability > 0, np.clip(rounded, 1, lowest_known - 1), 0)
+    byte = np.where(probability >= known, np.maximum(rounded, lowest_known), unknown)
+    return byte.astype(np.uint8)
+
+
+class Leveled(Protocol):
+    """What has surfaces above the lowest ones: a `HeightMap`, or what knows no more of one."""
+
+    @property
+    def geometry(self) -> Geometry:
+        """Of the map."""
+
+    @property
+    def upper(self) -> UpperSurfaces:
+        """All of them known."""
+
+    @property
+    def probability_threshold(self) -> float:
+        """No surface is believed less."""
+
+
+def fill_upper_surfaces(message: Any, shown: Leveled, stamp: int, frame_id: str) -> None:
     """Fill a heightmap25d_msgs/UpperSurfaces with what lies above the lowest surfaces."""
     fill_header(message.header, stamp, frame_id)
-    _fill_info(message.info, height_map.geometry, stamp)
+    _fill_info(message.info, shown.geometry, stamp)
     message.height_resolution = HEIGHT_RESOLUTION
-    upper = height_map.upper
+    upper = shown.upper
     rounded = np.rint(upper.probability / _PROBABILITY_STEP)
     iy, ix = upper.cell.T
-    message.cell = _array("I", (iy * height_map.geometry.shape[1] + ix).astype(np.uint32))
+    message.cell = _array("I", (iy * shown.geometry.shape[1] + ix).astype(np.uint32))
     message.top, message.bottom = _array("h", upper.top), _array("h", upper.bottom)
-    probability = np.maximum(rounded, _lowest_known(height_map)).astype(np.uint8)
+    probability = np.maximum(rounded, _lowest_known(shown.probability_threshold)).astype(np.uint8)
     message.probability = _array("B", probability)
 
 
@@ -129,9 +171,9 @@ def fill_localization_layers(message: Any, layers: LayerMap, stamp: int, frame_i
         setattr(message, name, _array("f", np.concatenate(values)))
 
 
-def _lowest_known(height_map: HeightMap) -> int:
+def _lowest_known(probability_threshold: float) -> int:
     """The least probability of a known cell, as a byte."""
-    return max(2, round(height_map.probability_threshold * 255.0))
+    return max(2, round(probability_threshold * 255.0))
 
 
 def fill_height_points(

@@ -10,12 +10,15 @@ distance d in the direction a from the laser by
 
 for small angles about the axes of base_link by which the assumed mount is too large. A laser that
 looks ahead tells of its pitch, and of its roll where the robot turns to what it saw at its side. A
-level one tells of them where a ramp or rough ground comes into its plane.
+level one tells of them where a ramp or rough ground comes into its plane. What was seen long before
+the robot came there does not count, since its odometry has drifted.
 """
 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -28,12 +31,14 @@ from heightmap25d_ros.mapping.scan_points import count_of_points, scan_points
 
 _SPACING = 0.25  # [m] of travel between two places at which the ground is compared
 _KEPT = 50_000  # returns: those of 14 m of travel, since level lasers look far
+_DETOUR, _TURN = 1.5, 1.0  # of the distance, and [m]: longer ways there have drifted
 _NEAREST = 0.8  # [m] from the laser: nearer ones may be of the robot
 _LENGTH, _WIDTH, _HEIGHT = 0.3, 0.25, 1.0  # [m] from base_link: under the robot, whatever robot
 _FEW = 2  # returns of a scan that count; a single one may be of anything
 _SCANS = 200  # whose returns are compared at a place
 _PLACES = 200  # that are remembered
 _ENOUGH = 5  # places from which on angles are estimated
+_STRETCHES = 5  # of a drive, each of which is left out once
 _NOISE = np.radians(0.5)  # of a direction: errors of the pose between seeing and driving
 _ROUNDS = 10  # of reweighting; it converges in a few
 
@@ -58,6 +63,7 @@ class DrivenGround:
         self._places = np.full((_KEPT, 2), np.nan, np.float32)
         self._points, self._levers = np.empty((2, _KEPT, 3))
         self._scan_of = np.empty(_KEPT, np.int64)
+        self._seen_at = np.zeros(_KEPT)  # [m] that the robot had travelled
         self._compared: deque[NDArray[np.float64]] = deque(maxlen=_PLACES)
 
     def restart(self) -> None:
@@ -100,41 +106,55 @@ class DrivenGround:
         self._scans += 1
         points = self._points[kept]
         scan_points(scan, T_odom_base, T_base_sensor, step, points, self._levers[kept])
-        self._scan_of[kept] = self._scans
+        self._scan_of[kept], self._seen_at[kept] = self._scans, self._travelled
         np.subtract(points[:, :2], self._corner, out=self._places[kept], casting="same_kind")
 
     def _compare(self, T_odom_base: se3.Matrix) -> None:
         """The mean direction, and height over distance, of each scan's returns from here."""
         found = _compared(
-            self._places, self._corner, self._points, self._levers, self._scan_of, T_odom_base
-        )
+            self._places, self._corner, self._points, self._levers, self._scan_of,
+            self._travelled - self._seen_at, T_odom_base,
+        )  # fmt: skip
         if len(found):
             self._compared.append(found)
 
     def tilt(self) -> Tilt | None:
         """What is known of roll and pitch; None as long as too few places were compared.
 
-        Robust least squares, in which each place counts for as much.
+        Places beside each other err alike: a robot that turns at the foot of a ramp has all that
+        tells of the roll from there. The deviations are therefore also those of the jackknife over
+        stretches of the drive: what only one of them tells is not known.
         """
         if len(self._compared) < _ENOUGH:
             return None
-        rows = np.concatenate(self._compared)
-        share = np.repeat([1.0 / len(place) for place in self._compared],
-                          [len(place) for place in self._compared])  # fmt: skip
-        terms, directions = rows[:, :2], rows[:, 2]
-        weight, angles = share, np.zeros(2)
-        for _ in range(_ROUNDS):
-            normal = (terms * weight[:, None]).T @ terms + 1e-6 * np.eye(2)
-            angles = np.linalg.solve(normal, (terms * weight[:, None]).T @ directions)
-            off = np.abs(directions - terms @ angles)
-            weight = share / np.maximum(off / _NOISE, 1.0)
-        noise = max(float(np.median(off)) * 1.5, _NOISE)
-        deviation = noise * np.sqrt(np.diag(np.linalg.inv(normal)))
-        return Tilt(*angles.tolist(), *deviation.tolist())
+        places = list(self._compared)
+        angles, deviations = _tilt_of(places)
+        bounds = np.linspace(0, len(places), _STRETCHES + 1).astype(int).tolist()
+        without = [_tilt_of(places[:a] + places[b:])[0] for a, b in pairwise(bounds)]
+        spread = np.sqrt((_STRETCHES - 1) * np.var(without, axis=0))
+        return Tilt(*angles.tolist(), *np.maximum(deviations, spread).tolist())
+
+
+def _tilt_of(places: Sequence[NDArray[np.float64]]) -> tuple[NDArray[np.float64], ...]:
+    """Roll and pitch (2,), and their deviations if places erred by themselves [rad].
+
+    Robust least squares, in which each place counts for as much.
+    """
+    rows = np.concatenate(places)
+    share = np.repeat([1.0 / len(place) for place in places], [len(place) for place in places])
+    terms, directions = rows[:, :2], rows[:, 2]
+    weight, angles = share, np.zeros(2)
+    for _ in range(_ROUNDS):
+        normal = (terms * weight[:, None]).T @ terms + 1e-6 * np.eye(2)
+        angles = np.linalg.solve(normal, (terms * weight[:, None]).T @ directions)
+        off = np.abs(directions - terms @ angles)
+        weight = share / np.maximum(off / _NOISE, 1.0)
+    noise = max(float(np.median(off)) * 1.5, _NOISE)
+    return angles, noise * np.sqrt(np.diag(np.linalg.inv(normal)))
 
 
 @kernel
-def _compared(places, corner, points, levers, scan_of, T_base):
+def _compared(places, corner, points, levers, scan_of, way_since, T_base):
     """(K, 3): sine and minus cosine of the direction, height over distance; a row for a scan."""
     found = np.empty((_SCANS + 1, 3))
     rows, count, scan, reach = 0, 0, -1, np.float32(_LENGTH + _WIDTH)
@@ -153,7 +173,8 @@ def _compared(places, corner, points, levers, scan_of, T_base):
         left = x * T_base[0, 1] + y * T_base[1, 1] + z * T_base[2, 1]
         above = x * T_base[0, 2] + y * T_base[1, 2] + z * T_base[2, 2]
         is_under = abs(ahead) < _LENGTH and abs(left) < _WIDTH and abs(above) < _HEIGHT
-        if not is_under or distance < _NEAREST:
+        is_fresh = way_since[i] < _DETOUR * distance + _TURN
+        if not (is_under and is_fresh) or distance < _NEAREST:
             continue
         if scan_of[i] != scan:
             rows = min(rows + (count >= _FEW), _SCANS)

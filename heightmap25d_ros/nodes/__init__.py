@@ -6,5 +6,5 @@ One file a node, which is thin: it hands messages to a pipeline and publishes wh
 `guard` is the one place through which their callbacks run. `lifecycle` is what all managed nodes
 share, `plain` what the others do, `runtime` runs a node as a process. `planner_server` has the
 actions and services by which Nav2 plans. `map_publisher` publishes `map_messages`, and decides by
-`map_updates` whether all of a map goes out, or what has changed.
+`map_updates` whether all of a map goes out, or what has changed; `map_source` subscribes to both.
 """

@@ -18,22 +18,21 @@ from visualization_msgs.msg import Marker, MarkerArray
 from heightmap25d_msgs.action import Explore
 from heightmap25d_msgs.msg import (
     ExplorationStatus,
-    HeightGrid,
     LocalizationStatus,
     PlanStatus,
-    UpperSurfaces,
 )
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.exploration.boundary import Boundary
 from heightmap25d_ros.exploration.explorer import Choice
 from heightmap25d_ros.io import encode
 from heightmap25d_ros.nodes import qos, runtime
 from heightmap25d_ros.nodes.interface import Action, Input, Output, Service
 from heightmap25d_ros.nodes.lifecycle import ManagedNode
+from heightmap25d_ros.nodes.map_source import map_inputs
 from heightmap25d_ros.nodes.pose_source import pose_inputs
 from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.exploration import Exploration
 from heightmap25d_ros.pipelines.exploration_task import End, State, Task, requested
+from heightmap25d_ros.planning.boundary import Boundary
 from heightmap25d_ros.planning.plan import Pose2D
 from heightmap25d_ros.planning.planner import compile_kernels
 from heightmap25d_ros.viz import palette
@@ -62,8 +61,10 @@ class ExplorationNode(ManagedNode):
         """The map, the robot, and what planning and localization say."""
         exploration = self._exploration
         return [
-            Input(UpperSurfaces, "upper_surfaces", exploration.take_upper_surfaces, qos.LATCHED),
-            Input(HeightGrid, "height_grid", exploration.take_map, qos.LATCHED, is_needed=True),
+            *map_inputs(
+                self, exploration.take_map, exploration.take_map_update,
+                exploration.take_upper_surfaces,
+            ),
             *pose_inputs(
                 self.params.intake, exploration.take_odometry, self._on_transforms, self.flatness
             ),

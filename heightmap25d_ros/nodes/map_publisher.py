@@ -4,21 +4,23 @@
 
 from __future__ import annotations
 
-from heightmap25d_ros.grid.height_map import Area, Geometry
+import math
+
+from heightmap25d_ros.grid.height_map import Area
 from heightmap25d_ros.nodes import qos
 from heightmap25d_ros.nodes.interface import Output
 from heightmap25d_ros.nodes.lifecycle import ManagedNode
 from heightmap25d_ros.nodes.map_messages import (
     LAYERS,
     TOPICS,
-    UPDATE,
     UPDATED_TOPICS,
+    Content,
     layers_message,
     message_of,
     update_of,
 )
 from heightmap25d_ros.nodes.map_transform import AnchorTransform
-from heightmap25d_ros.nodes.map_updates import UpdatedTopic
+from heightmap25d_ros.nodes.map_updates import REFRESHED, UpdatedTopic
 from heightmap25d_ros.pipelines.mapping import Mapping
 
 
@@ -45,7 +47,13 @@ class MapPublisher:
         names = {topic: node.resolve_topic_name(topic) for topic in UPDATED_TOPICS}
         self._updates = {topic: f"{name}_updates" for topic, name in names.items()}
         self._updated = {
-            topic: UpdatedTopic(node, name, self._updates[topic]) for topic, name in names.items()
+            topic: UpdatedTopic(
+                node,
+                name,
+                self._updates[topic],
+                REFRESHED if topic == "height_grid" else math.inf,
+            )
+            for topic, name in names.items()
         }
         self._published: dict[str, int] = {}
 
@@ -53,7 +61,10 @@ class MapPublisher:
         """The maps, and the updates of some of them."""
         return [
             *(Output(kind, topic, qos.LATCHED) for topic, kind in TOPICS.items()),
-            *(Output(UPDATE, name, qos.UPDATES) for name in self._updates.values()),
+            *(
+                Output(UPDATED_TOPICS[topic], name, qos.UPDATES)
+                for topic, name in self._updates.items()
+            ),
         ]
 
     def begin_anew(self) -> None:
@@ -78,20 +89,21 @@ class MapPublisher:
         due = [topic for topic in TOPICS if self._is_due(topic, version)]
         whole = [topic for topic in due if not self._is_update_enough(topic)]
         if whole:
-            maps = self._mapping.maps()
+            content = Content(self._mapping, self._mapping.area())
             for topic in whole:
-                stamp = self._mapping.stamp_ns
-                if topic == LAYERS:
-                    self._publish_layers(maps[0].geometry, stamp)
-                    continue
-                message = message_of(topic, maps, stamp, self._frame, self._anchor)
-                self._node.publish(topic, message)
+                self._publish_whole(topic, content)
         self._published.update(dict.fromkeys(due, version))
 
-    def _publish_layers(self, geometry: Geometry, stamp: int) -> None:
-        layers = self._mapping.layers(geometry)
-        if layers is not None:
-            self._node.publish(LAYERS, layers_message(layers, stamp, self._frame))
+    def _publish_whole(self, topic: str, content: Content) -> None:
+        stamp = self._mapping.stamp_ns
+        if topic == LAYERS:
+            layers = self._mapping.layers(content.geometry)
+            if layers is not None:
+                self._node.publish(LAYERS, layers_message(layers, stamp, self._frame))
+            return
+        loaded = self._updated[topic].whole_ns if topic in self._updated else stamp
+        message = message_of(topic, content, stamp, self._frame, self._anchor, loaded)
+        self._node.publish(topic, message)
 
     def _is_due(self, topic: str, version: int) -> bool:
         count = self._node.count_listeners(topic)
@@ -110,12 +122,14 @@ class MapPublisher:
         part = self._updated[topic].next(area, self._mapping.grid.geometry.part(area))
         if part is None:
             return False
+        if topic == "height_grid" and not part.rows * part.columns:
+            part = Area(area.iy, area.ix, 1, 1)  # tells at least that the map is that of its stamp
         if part.rows and part.columns:
             self._publish_update(topic, part, area)
         return True
 
     def _publish_update(self, topic: str, part: Area, area: Area) -> None:
-        corner = part.iy - area.iy, part.ix - area.ix
-        cells = self._mapping.obstacles(part)
-        message = update_of(topic, cells, corner, self._mapping.stamp_ns, self._frame)
+        content, stamp = Content(self._mapping, part), self._mapping.stamp_ns
+        loaded = self._updated[topic].whole_ns
+        message = update_of(topic, content, area, stamp, self._frame, loaded)
         self._node.publish(self._updates[topic], message)

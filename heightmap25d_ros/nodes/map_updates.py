@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from typing import Any
 
@@ -15,6 +16,9 @@ SETTLING = 3.0
 Nav2's static layer keeps a whole map until its costmap is updated the next time, and then forgets
 the updates that came meanwhile.
 """
+
+REFRESHED = 60.0
+"""A whole map goes out after so long where updates have [s]: whoever has lost one gets it again."""
 
 _NOTHING = Area(0, 0, 0, 0)
 
@@ -31,11 +35,20 @@ class UpdatedTopic:
     node : rclpy.node.Node
     topic, updates : str
         Full names of the topics of the map and of its updates.
+    refreshed : float [s]
+        So long after a whole map the next change brings a whole one.
+
+    Attributes
+    ----------
+    whole_ns : int [ns]
+        When all of the map went out last, by the clock of the machine.
     """
 
-    def __init__(self, node: Any, topic: str, updates: str) -> None:
+    def __init__(self, node: Any, topic: str, updates: str, refreshed: float = math.inf) -> None:
         self._node = node
         self._topics = topic, updates
+        self._refreshed = refreshed
+        self.whole_ns = 0
         self.forget()
 
     def forget(self) -> None:
@@ -75,10 +88,12 @@ class UpdatedTopic:
             {(s.node_namespace, s.node_name) for s in infos} for infos in (subscribers, updated)
         )
         served, self._served = self._served, {bytes(s.endpoint_gid) for s in subscribers}
-        if geometry == self._whole and self._served <= served and names <= following:
+        is_fresh = time.monotonic() - self._whole_since < self._refreshed
+        if geometry == self._whole and self._served <= served and names <= following and is_fresh:
             changed = self._changed.within(area)
             if self._is_settled:
                 self._changed = _NOTHING
             return changed
         self._whole, self._whole_since, self._changed = geometry, time.monotonic(), _NOTHING
+        self.whole_ns = time.time_ns()
         return None

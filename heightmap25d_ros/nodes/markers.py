@@ -9,16 +9,18 @@ from typing import Any
 
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2, PointField
+from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker
 
 from heightmap25d_msgs.msg import HeightGrid, UpperSurfaces
 from heightmap25d_ros.arrays import Array
-from heightmap25d_ros.grid.height_map import local_origin
+from heightmap25d_ros.grid.height_map import HeightMap, local_origin
 from heightmap25d_ros.io import decode, encode
 from heightmap25d_ros.nodes import qos, runtime
 from heightmap25d_ros.nodes.interface import Input, Output
 from heightmap25d_ros.nodes.lifecycle import ManagedNode
+from heightmap25d_ros.nodes.map_source import map_inputs
 from heightmap25d_ros.nodes.map_transform import anchor_frame
 from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.level_map import LevelMap
@@ -37,8 +39,7 @@ class MarkersNode(ManagedNode):
     def inputs(self) -> list[Input]:
         """The map, and its frame for coordinates in single precision."""
         return [
-            Input(UpperSurfaces, "upper_surfaces", self._on_upper_surfaces, qos.LATCHED),
-            Input(HeightGrid, "height_grid", self._on_map, qos.LATCHED, is_needed=True),
+            *map_inputs(self, self._on_map, self._on_map_update, self._on_upper_surfaces),
             Input(TFMessage, "/tf_static", self._on_transforms, qos.STATIC_TRANSFORMS),
         ]
 
@@ -52,9 +53,10 @@ class MarkersNode(ManagedNode):
     def set_up(self) -> None:
         """Begin without a map."""
         self._dropped = Drops()
-        self._newest: HeightGrid | None = None
-        self._upper: UpperSurfaces | None = None
-        self._shown: dict[str, HeightGrid] = {}
+        self._levels = LevelMap(None, self._dropped)
+        self._newest: HeightMap | None = None
+        self._header = Header()
+        self._shown: dict[str, HeightMap] = {}
         self._anchors: dict[str, Array] = {}  # their positions in their parents, by name
 
     def start(self) -> None:
@@ -74,11 +76,18 @@ class MarkersNode(ManagedNode):
         }
 
     def _on_map(self, message: HeightGrid) -> None:
-        self._newest = message
+        self._use(self._levels.take_lowest(message), message.header)
+
+    def _on_map_update(self, message: HeightGrid) -> None:
+        self._use(self._levels.take_update(message), message.header)
 
     def _on_upper_surfaces(self, message: UpperSurfaces) -> None:
-        self._upper = message
-        self._shown.clear()
+        self._use(self._levels.take_upper(message), message.header)
+
+    def _use(self, height_map: HeightMap | None, header: Header) -> None:
+        """Show a map from now on, where there is one."""
+        if height_map is not None:
+            self._newest, self._header = height_map, header
 
     def _on_transforms(self, message: TFMessage) -> None:
         heard = self._dropped.decoded("transforms", decode.transforms, message.transforms)
@@ -87,20 +96,19 @@ class MarkersNode(ManagedNode):
                 self._anchors[transform.child] = transform.T[:3, 3]
 
     def _show(self) -> None:
-        grid = self._newest
-        if grid is None:
+        height_map = self._newest
+        if height_map is None:
             return
         for topic, content in (("~/blocks", self._blocks), ("~/frontier", self._frontier)):
-            if self.has_subscribers(topic) and self._shown.get(topic) is not grid:
-                self._shown[topic] = grid
-                shown = self._dropped.decoded("map", content, grid)
+            if self.has_subscribers(topic) and self._shown.get(topic) is not height_map:
+                self._shown[topic] = height_map
+                shown = self._dropped.decoded("map", content, height_map)
                 if shown is not None:
                     self.publish(topic, shown)
 
-    def _frontier(self, grid: HeightGrid) -> PointCloud2:
-        height_map, stamp = decode.height_map(grid), decode.stamp_ns(grid.header)
+    def _frontier(self, height_map: HeightMap) -> PointCloud2:
         obstacles = to_obstacle_map(height_map, self.params.traversability)
-        frame = grid.header.frame_id
+        frame, stamp = self._header.frame_id, decode.stamp_ns(self._header)
         origin = self._anchors.get(anchor_frame(frame))
         if origin is not None and origin.any():
             frame = anchor_frame(frame)
@@ -109,15 +117,11 @@ class MarkersNode(ManagedNode):
         encode.fill_height_points(cloud, PointField, shown, stamp, frame, origin)
         return cloud
 
-    def _blocks(self, grid: HeightGrid) -> bytes:
-        levels = LevelMap(None, self._dropped)
-        if self._upper is not None:
-            levels.take_upper(self._upper)
-        height_map = levels.take_lowest(grid) or decode.height_map(grid)
+    def _blocks(self, height_map: HeightMap) -> bytes:
         corners, colours = markers.blocks(height_map)
         geometry = height_map.geometry
         origin = local_origin((*geometry.origin, geometry.ground_zero))
-        marker = Marker(header=grid.header, ns="blocks", type=Marker.TRIANGLE_LIST)
+        marker = Marker(header=self._header, ns="blocks", type=Marker.TRIANGLE_LIST)
         marker.scale.x = marker.scale.y = marker.scale.z = 1.0
         marker.color.a = 1.0
         # RViz takes the pose in double precision, and the points in single.

@@ -11,12 +11,13 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, Twist, TwistStamped
 from nav_msgs.msg import Path
 from tf2_msgs.msg import TFMessage
 
-from heightmap25d_msgs.msg import HeightGrid, LocalizationStatus, PlanStatus, UpperSurfaces
+from heightmap25d_msgs.msg import LocalizationStatus, PlanStatus
 from heightmap25d_ros.control.pure_pursuit import Velocity
 from heightmap25d_ros.io import encode
 from heightmap25d_ros.nodes import qos, runtime
 from heightmap25d_ros.nodes.interface import Input, Output
 from heightmap25d_ros.nodes.lifecycle import ManagedNode
+from heightmap25d_ros.nodes.map_source import map_inputs
 from heightmap25d_ros.nodes.pose_source import pose_inputs
 from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.path_following import PathFollowing
@@ -50,8 +51,10 @@ class PathFollowerNode(ManagedNode):
             Input(
                 PoseWithCovarianceStamped, "pose_correction", following.take_correction, qos.QUEUE
             ),
-            Input(UpperSurfaces, "upper_surfaces", following.take_upper_surfaces, qos.LATCHED),
-            Input(HeightGrid, "height_grid", following.take_map, qos.LATCHED),
+            *map_inputs(
+                self, following.take_map, following.take_map_update, following.take_upper_surfaces,
+                is_needed=False,
+            ),
             Input(
                 LocalizationStatus, "localization/status", following.take_localization_status,
                 qos.LATCHED,

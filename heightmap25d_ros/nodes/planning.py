@@ -25,6 +25,7 @@ from heightmap25d_ros.io import encode
 from heightmap25d_ros.nodes import qos, runtime
 from heightmap25d_ros.nodes.interface import Action, Input, Output, Service
 from heightmap25d_ros.nodes.lifecycle import ManagedNode
+from heightmap25d_ros.nodes.map_source import map_inputs
 from heightmap25d_ros.nodes.planner_server import IS_AVAILABLE, PlannerServer
 from heightmap25d_ros.nodes.pose_source import pose_inputs
 from heightmap25d_ros.pipelines.drops import Drops
@@ -51,8 +52,7 @@ class PlanningNode(ManagedNode):
     def inputs(self) -> list[Input]:
         """The map, the robot and its goals."""
         return [
-            Input(UpperSurfaces, "upper_surfaces", self._on_upper_surfaces, qos.LATCHED),
-            Input(HeightGrid, "height_grid", self._on_map, qos.LATCHED, is_needed=True),
+            *map_inputs(self, self._on_map, self._on_map_update, self._on_upper_surfaces),
             *pose_inputs(
                 self.params.intake, self._on_odometry, self._on_transforms, self.flatness
             ),
@@ -136,6 +136,9 @@ class PlanningNode(ManagedNode):
 
     def _on_map(self, message: HeightGrid) -> None:
         self._publish(self._planning.take_map(message))
+
+    def _on_map_update(self, message: HeightGrid) -> None:
+        self._publish(self._planning.take_map_update(message))
 
     def _on_upper_surfaces(self, message: UpperSurfaces) -> None:
         self._publish(self._planning.take_upper_surfaces(message))

@@ -164,6 +164,12 @@ class Exploration:
         if height_map is not None:
             self.set_map(height_map)
 
+    def take_map_update(self, message: Any) -> None:
+        """Take a heightmap25d_msgs/HeightGrid with what has changed of the map."""
+        height_map = self._levels.take_update(message)
+        if height_map is not None:
+            self.set_map(height_map)
+
     def take_upper_surfaces(self, message: Any) -> None:
         """Take a heightmap25d_msgs/UpperSurfaces: what is above the surfaces of the map."""
         height_map = self._levels.take_upper(message)

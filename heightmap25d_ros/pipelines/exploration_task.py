@@ -10,9 +10,9 @@ from enum import IntEnum
 from typing import Any
 
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.exploration.boundary import Boundary
 from heightmap25d_ros.io import decode
 from heightmap25d_ros.params.sections import Params
+from heightmap25d_ros.planning.boundary import Boundary
 
 
 class State(IntEnum):

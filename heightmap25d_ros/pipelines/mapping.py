@@ -22,6 +22,7 @@ from heightmap25d_ros.grid.height_map import (
     Geometry,
     HeightMap,
 )
+from heightmap25d_ros.grid.levels import UpperSurfaces
 from heightmap25d_ros.io import decode, layers_file, map_directory
 from heightmap25d_ros.io.decode import Odometry
 from heightmap25d_ros.localization.layers import LayerMap, LocalizationLayers
@@ -165,7 +166,7 @@ class Mapping(SensorIntake[Reading]):
             stays.
         """
         mapping = self._params.mapping
-        threshold = self._params.mapper.probability_threshold
+        threshold = self.probability_threshold
         height_map = map_directory.load_in(directory, threshold, mapping.map_frame)
         layers = layers_file.load(directory, height_map) if mapping.localization_layers else None
         try:
@@ -190,7 +191,7 @@ class Mapping(SensorIntake[Reading]):
 
     def _use_params(self) -> None:
         self._mapper = Mapper(self.grid, self._params.sensor, self._params.mapper)
-        terrain, threshold = self._params.traversability, self._params.mapper.probability_threshold
+        terrain, threshold = self._params.traversability, self.probability_threshold
         self._obstacles = ObstacleGrid(self.grid.geometry, terrain)
         self._level = ShownLevel(self._params.mapping.slice, self._params.levels, terrain)
         self._drop_offs: DropOffs | None = None
@@ -251,7 +252,7 @@ class Mapping(SensorIntake[Reading]):
         """Move (K, 4, 4) what was seen from each submap."""
         area = self.grid.observed_area()
         memory.require(area.rows * area.columns * _BYTES_OF_MOVED, "the map, moved by a loop")
-        height_map = self.grid.read(self._params.mapper.probability_threshold, area)
+        height_map = self.grid.read(self.probability_threshold, area)
         layers = None if self._layers is None else self._layers.read(area)
         source = PartedMap(height_map, layers, self._parts.read(area))
         found = moved(source, motions, self.grid.geometry)
@@ -314,21 +315,30 @@ class Mapping(SensorIntake[Reading]):
         """
         area = self.area(max_cells)
         obstacles = self.obstacles(area)
-        return self._heights(area), obstacles
+        return self.heights(area), obstacles
 
     @property
     def is_level(self) -> bool:
         """Whether level lasers alone have made the map, so that no ground is known."""
         return not self._sees_ground and self._scans >= ENOUGH_LEVEL_SCANS
 
-    def _heights(self, area: Area) -> HeightMap:
-        """The height map of an area; in a map of level lasers of what stands alone."""
-        found = self.grid.read(self._params.mapper.probability_threshold, area)
+    def heights(self, area: Area) -> HeightMap:
+        """The height map of an area of the grid; of level lasers what stands alone."""
+        found = self.grid.read(self.probability_threshold, area)
         if not self.is_level:
             return found
         stands = ~(found.metres < self._lowest_laser - BELOW)
         probability = np.where(stands, found.probability, np.uint16(0))
         return replace(found, probability=probability, is_level=True)
+
+    def upper(self, area: Area) -> UpperSurfaces:
+        """The surfaces of an area of the grid above the lowest ones."""
+        return self.grid.upper_surfaces(self.probability_threshold, area)
+
+    @property
+    def probability_threshold(self) -> float:
+        """Below which a cell is unknown."""
+        return self._params.mapper.probability_threshold
 
     def area(self, max_cells: float | None = None) -> Area:
         """The cells of the grid that `maps` shows; parameters and errors are its."""
@@ -354,7 +364,7 @@ class Mapping(SensorIntake[Reading]):
         """The converted map of an area of the grid."""
         self._convert()
         if self.is_level:
-            return to_obstacle_map(self._heights(area), self._params.traversability)
+            return to_obstacle_map(self.heights(area), self._params.traversability)
         return self._obstacles.read(area)
 
     def take_changed(self) -> Area:
@@ -364,7 +374,7 @@ class Mapping(SensorIntake[Reading]):
         return changed
 
     def _convert(self) -> None:
-        threshold = self._params.mapper.probability_threshold
+        threshold = self.probability_threshold
         if self.is_level != self._was_level:
             self._was_level = self.is_level
             self.grid.mark_changed()
@@ -385,7 +395,7 @@ class Mapping(SensorIntake[Reading]):
         """
         point, grid = self._point_in_map(message), self.grid
         window = surroundings(grid.geometry, point[:2], self._params.traversability)
-        height_map = grid.read(self._params.mapper.probability_threshold, window)
+        height_map = grid.read(self.probability_threshold, window)
         iy, ix = (int(index) for index in grid.geometry.cell_at(point[:2]))
         cell = Area(iy, ix, 1, 1)
         believed = float(grid.candidate_probability.read(cell)[0, 0]) / PROBABILITY_SCALE

@@ -5,42 +5,95 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import partial
 
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.exploration.boundary import Boundary, confined
 from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.params.sections import Params, PlannerParams
+from heightmap25d_ros.planning.boundary import Boundary
+from heightmap25d_ros.planning.kept_graph import KeptGraphs
 from heightmap25d_ros.planning.level_planner import LevelPlanner, planner_over
 from heightmap25d_ros.planning.plan import Plan, Pose2D, Status, joined, pose_2d
 from heightmap25d_ros.planning.planner import Planner
 
 
-class MapPlanner:
-    """The planner over one map, which is converted when it is first needed, by one thread.
+class KeptPlanner:
+    """The planner over the newest of many maps, whose graph is kept, see `KeptGraph`.
+
+    Any thread may use it. A map is converted by the first one that needs it; what others plan over
+    meanwhile does not change.
 
     Parameters
     ----------
-    height_map : HeightMap
     params : Params
-    boundary : Boundary, optional
+    boundary : Boundary
         That the robot's middle does not leave.
+    """
+
+    def __init__(self, params: Params, boundary: Boundary) -> None:
+        self._params = params
+        self._graphs = KeptGraphs(params.traversability, params.planner, boundary)
+        self._newest: _Lent | None = None
+        self._lock = threading.Lock()
+
+    @contextmanager
+    def over(self, height_map: HeightMap) -> Iterator[Planner | LevelPlanner]:
+        """The planner over a map, as long as it is used.
+
+        Raises
+        ------
+        InputError
+            If the map cannot be converted.
+        """
+        lent = self._lent(height_map)
+        try:
+            yield lent.planner
+        finally:
+            with self._lock:
+                lent.users -= 1
+
+    def _lent(self, height_map: HeightMap) -> _Lent:
+        with self._lock:
+            lent = self._newest
+            if lent is None or lent.height_map is not height_map:
+                if lent is not None and lent.users:
+                    self._graphs.lend()
+                params, self._newest = self._params, None  # nothing is kept of what fails
+                planner = planner_over(
+                    height_map,
+                    params.levels,
+                    params.traversability,
+                    params.planner,
+                    self._graphs.of,
+                )
+                lent = self._newest = _Lent(height_map, planner)
+            lent.users += 1
+            return lent
+
+
+@dataclass(slots=True, eq=False)
+class _Lent:
+    """A planner, and how many use it at the moment."""
+
+    height_map: HeightMap
+    planner: Planner | LevelPlanner
+    users: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapPlanner:
+    """The planner over one map, which is converted when it is needed.
 
     Attributes
     ----------
     height_map : HeightMap
+    kept : KeptPlanner
     """
 
-    def __init__(
-        self, height_map: HeightMap, params: Params, boundary: Boundary | None = None
-    ) -> None:
-        self.height_map = height_map
-        self._params = params
-        self._boundary = boundary
-        self._planner: Planner | LevelPlanner | None = None
-        self._lock = threading.Lock()
+    height_map: HeightMap
+    kept: KeptPlanner
 
     @property
     def problem(self) -> str:
@@ -49,8 +102,9 @@ class MapPlanner:
             return ""
         return "the map was made by level lasers, its ground is unknown: nothing can be planned"
 
-    def get(self, params: PlannerParams | None = None) -> Planner | LevelPlanner:
-        """The planner; with other parameters of the search, where some are given.
+    @contextmanager
+    def planner(self) -> Iterator[Planner | LevelPlanner]:
+        """The planner, as long as it is used.
 
         Raises
         ------
@@ -59,18 +113,8 @@ class MapPlanner:
         """
         if self.problem:
             raise InputError(self.problem)
-        with self._lock:
-            if self._planner is None:
-                settings, boundary = self._params, self._boundary
-                self._planner = planner_over(
-                    self.height_map,
-                    settings.levels,
-                    settings.traversability,
-                    settings.planner,
-                    None if boundary is None else partial(confined, boundary=boundary),
-                )
-            own = self._planner
-        return own if params is None else own.with_params(params)
+        with self.kept.over(self.height_map) as planner:
+            yield planner
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,9 +148,13 @@ class PathRequest:
             Asked before each goal.
         """
         try:
-            planner = self.over.get(self.params)
+            with self.over.planner() as own:
+                planner = own if self.params is None else own.with_params(self.params)
+                return self._planned(planner, is_cancelled)
         except InputError as error:
             return Plan(status=Status.UNKNOWN, reason=str(error))
+
+    def _planned(self, planner: Planner | LevelPlanner, is_cancelled: Callable[[], bool]) -> Plan:
         start, legs = self.start, list[Plan]()
         for number, goal in enumerate(self.goals, 1):
             if is_cancelled():

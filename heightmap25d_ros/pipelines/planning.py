@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.exploration.boundary import Boundary
 from heightmap25d_ros.grid.height_map import HeightMap
+from heightmap25d_ros.grid.map_changes import changed_blocks
 from heightmap25d_ros.io import decode
 from heightmap25d_ros.io.decode import Odometry
 from heightmap25d_ros.params.sections import Params
@@ -25,12 +25,14 @@ from heightmap25d_ros.pipelines.drops import Drops
 from heightmap25d_ros.pipelines.level_map import LevelMap
 from heightmap25d_ros.pipelines.map_frames import MapFrames
 from heightmap25d_ros.pipelines.mission import Mission, best_direction
-from heightmap25d_ros.pipelines.path_requests import MapPlanner, PathRequest
+from heightmap25d_ros.pipelines.path_requests import KeptPlanner, MapPlanner, PathRequest
 from heightmap25d_ros.pipelines.silence import ODOMETRY, Silence
 from heightmap25d_ros.pipelines.speed_limit import ahead_of, speed_share
 from heightmap25d_ros.pipelines.transform_buffer import Missing
+from heightmap25d_ros.planning.boundary import Boundary
 from heightmap25d_ros.planning.level_planner import LevelPlanner
 from heightmap25d_ros.planning.plan import Plan, Pose2D, Status, pose_2d
+from heightmap25d_ros.planning.planner import Planner
 from heightmap25d_ros.terrain.slices import LevelFollower
 
 MOTION = 0.3
@@ -68,10 +70,16 @@ class Planning:
         self._waiting_goal: Odometry | None = None
         self._mission: Mission | None = None
         self._boundary = Boundary.of([])
+        self._kept = KeptPlanner(params, self._boundary)
 
     def take_map(self, message: Any) -> Plan | None:
         """Take a heightmap25d_msgs/HeightGrid; a plan where the map asks for another one."""
         height_map = self._map.take_lowest(message)
+        return None if height_map is None else self.set_map(height_map)
+
+    def take_map_update(self, message: Any) -> Plan | None:
+        """Take a heightmap25d_msgs/HeightGrid with what has changed of the map; a plan as above."""
+        height_map = self._map.take_update(message)
         return None if height_map is None else self.set_map(height_map)
 
     def take_upper_surfaces(self, message: Any) -> Plan | None:
@@ -83,7 +91,7 @@ class Planning:
         """Plan over a map from now on; a plan where it asks for another one."""
         if self._over_map is not None and _is_same(self._over_map.height_map, height_map):
             return None
-        self._use_map(height_map)
+        self._over_map = MapPlanner(height_map, self._kept)
         return self._began() if self._waiting_goal is not None else self._checked()
 
     def take_odometry(self, message: Any) -> Plan | None:
@@ -151,19 +159,19 @@ class Planning:
     def set_boundary(self, boundary: Boundary) -> Plan | None:
         """Keep the robot's middle within a polygon; a plan where that asks for another one."""
         self._boundary = boundary
-        if self._over_map is not None:
-            self._use_map(self._over_map.height_map)
-        return self._checked()
+        return self._begun_anew()
 
     def set_params(self, params: Params) -> Plan | None:
         """Apply new parameters; a plan where they ask for another one."""
         self._params = params
-        if self._over_map is not None:
-            self._use_map(self._over_map.height_map)
-        return self._checked()
+        return self._begun_anew()
 
-    def _use_map(self, height_map: HeightMap) -> None:
-        self._over_map = MapPlanner(height_map, self._params, self._boundary)
+    def _begun_anew(self) -> Plan | None:
+        """Convert the map anew; a plan where that asks for another one."""
+        self._kept = KeptPlanner(self._params, self._boundary)
+        if self._over_map is not None:
+            self._over_map = MapPlanner(self._over_map.height_map, self._kept)
+        return self._checked()
 
     def plan_between(self, start: Pose2D, goal: Pose2D, tolerance: float = 0.0) -> Plan:
         """Plan from any pose to any pose, whatever goal is set.
@@ -230,19 +238,11 @@ class Planning:
         if poses is None or not len(poses) or self._over_map is None:
             return 0
         robot = self._robot() or pose_2d(poses[0])
-        nearest = _nearest(poses, robot)
         try:
-            planner = self._over_map.get()
+            with self._over_map.planner() as planner:
+                return _first_blocked(planner, poses, robot)
         except InputError:
             return 0
-
-        def is_blocked(count: int) -> bool:
-            return planner.cost_along(poses[nearest : nearest + count], robot) is None
-
-        ahead = len(poses) - nearest
-        if not is_blocked(ahead):
-            return None
-        return nearest + bisect_left(range(1, ahead), True, key=is_blocked)
 
     def speed_share(self, plan: Plan) -> float:
         """The share of its full speed for a robot on a path, by `speed_limit`; 1 without one."""
@@ -306,14 +306,14 @@ class Planning:
 
     def _planned(self, goal: Pose2D, robot: Pose2D, over_map: MapPlanner) -> Plan:
         try:
-            planner = over_map.get()
+            with over_map.planner() as planner:
+                if isinstance(planner, LevelPlanner) and robot.z is not None:
+                    z = robot.z - self._level.offset
+                    self._level.surface(planner.levels.stack, robot.x, robot.y, z)
+                    robot = replace(robot, z=z + self._level.offset)
+                return planner.plan(robot, goal, is_robot_there=True, is_field_wanted=True)
         except InputError as error:
             return Plan(status=Status.UNKNOWN, reason=str(error))
-        if isinstance(planner, LevelPlanner) and robot.z is not None:
-            z = robot.z - self._level.offset
-            self._level.surface(planner.levels.stack, robot.x, robot.y, z)
-            robot = replace(robot, z=z + self._level.offset)
-        return planner.plan(robot, goal, is_robot_there=True, is_field_wanted=True)
 
     def _replaced(self, goal: Pose2D, robot: Pose2D, plan: Plan) -> Plan:
         """Follow another plan from where the robot is."""
@@ -337,11 +337,12 @@ class Planning:
         """Whether a plan over the newest map takes the place of the one that is followed."""
         if not followed.found:
             return plan.status is not followed.status
+        ahead = followed.poses[_nearest(followed.poses, robot) :]
         try:
-            planner = over_map.get()
+            with over_map.planner() as planner:
+                cost = planner.cost_along(ahead, robot)
         except InputError:  # the map cannot be planned over any more
             return True
-        cost = planner.cost_along(followed.poses[_nearest(followed.poses, robot) :], robot)
         if cost is None:
             return True
         share = 1.0 - self._params.planning.replan_gain
@@ -383,6 +384,21 @@ def _nearest(poses: NDArray[np.float64], robot: Pose2D) -> int:
     return int(np.hypot(poses[:, 0, 3] - robot.x, poses[:, 1, 3] - robot.y).argmin())
 
 
+def _first_blocked(
+    planner: Planner | LevelPlanner, poses: NDArray[np.float64], robot: Pose2D
+) -> int | None:
+    """Index of the first pose (N, 4, 4) that a robot beside a path cannot drive to along it."""
+    nearest = _nearest(poses, robot)
+
+    def is_blocked(count: int) -> bool:
+        return planner.cost_along(poses[nearest : nearest + count], robot) is None
+
+    ahead = len(poses) - nearest
+    if not is_blocked(ahead):
+        return None
+    return nearest + bisect_left(range(1, ahead), True, key=is_blocked)
+
+
 def _without_transform(field: str, reason: str) -> Plan:
     return Plan(status=Status.TF_ERROR, reason=f"{field}: {reason}")
 
@@ -415,10 +431,9 @@ def _is_same(before: HeightMap, after: HeightMap) -> bool:
     return (
         before.geometry == after.geometry
         and before.is_level == after.is_level
-        and np.array_equal(before.known, after.known)
         and all(
             np.array_equal(getattr(before.upper, name), getattr(after.upper, name))
             for name in ("cell", "top", "bottom")
         )
-        and np.array_equal(before.height[before.known], after.height[before.known])
+        and not changed_blocks(before, after).any()
     )

@@ -26,6 +26,12 @@ from heightmap25d_ros.terrain.gap_filling import fill_gaps
 from heightmap25d_ros.terrain.steps import cropped
 from heightmap25d_ros.terrain.traversability import OCCUPIED, analyse_ground, to_obstacle_map
 
+EXTRAPOLATION = 1.0
+"""So far from known cells unknown ones have a height [m], by default."""
+
+_ROUNDING_ERROR = 1e-6
+"""Of distances [cells]."""
+
 _BYTES_OF_CELL = 64  # of the graph, and of what it is made of; measured: 54
 
 
@@ -37,7 +43,7 @@ class TransitionGraph:
     ----------
     geometry : Geometry
     height : (rows, columns) float32 [m] above ground zero
-        Of the ground; in unknown cells that of the nearest known cell.
+        Of the ground; in unknown cells that of the nearest known cell, NaN where none is near.
     gradient : (2, rows, columns) float32
         Of the ground under the footprint, along x and y, as tangents.
     weight : (rows, columns) float32
@@ -137,10 +143,38 @@ class TransitionGraph:
         return float(line_cost(terrain, *start, *end))
 
 
+def empty_graph(geometry: Geometry, params: PlannerParams) -> TransitionGraph:
+    """A graph whose cells are all closed: for the parts of others."""
+    rows, columns = shape = geometry.shape
+    return TransitionGraph(
+        geometry=geometry,
+        height=np.zeros(shape, np.float32),
+        gradient=np.zeros((2, *shape), np.float32),
+        weight=np.zeros(shape, np.float32),
+        occupied=np.zeros(shape, np.bool_),
+        forbidden=np.zeros(shape, np.bool_),
+        enterable=np.zeros(shape, np.bool_),
+        blocked=np.zeros(shape, np.uint8),
+        slope_weights=_slope_weights(params),
+        incoming=np.zeros((rows + 2, columns + 2, 8), np.uint16),
+    )
+
+
 def transition_graph(
-    height_map: HeightMap, terrain: TraversabilityParams, params: PlannerParams
+    height_map: HeightMap,
+    terrain: TraversabilityParams,
+    params: PlannerParams,
+    depth: float = EXTRAPOLATION,
 ) -> TransitionGraph:
     """The graph of a dense map; all cells beyond the map are unknown.
+
+    Parameters
+    ----------
+    height_map : HeightMap
+    terrain : TraversabilityParams
+    params : PlannerParams
+    depth : float [m]
+        So far from known cells unknown ones have a height.
 
     Raises
     ------
@@ -175,10 +209,10 @@ def transition_graph(
     weight += params.unknown_weight * is_unknown
     weight = weight.astype(np.float32)
     gradient = ground.gradient * np.float32(HEIGHT_RESOLUTION / resolution)
-    slope_weights = (params.climb_weight, params.descent_weight, params.cross_slope_weight)
+    slope_weights = _slope_weights(params)
     return TransitionGraph(
         geometry=height_map.geometry,
-        height=_extrapolated(filled),
+        height=_extrapolated(filled, depth),
         gradient=gradient,
         weight=weight,
         occupied=is_occupied,
@@ -190,12 +224,19 @@ def transition_graph(
     )
 
 
-def _extrapolated(height_map: HeightMap) -> NDArray[np.float32]:
-    """(rows, columns) float32 [m] above ground zero; in unknown cells of the nearest known one."""
+def _slope_weights(params: PlannerParams) -> Weights:
+    return params.climb_weight, params.descent_weight, params.cross_slope_weight
+
+
+def _extrapolated(height_map: HeightMap, depth: float) -> NDArray[np.float32]:
+    """(rows, columns) float32 [m] above ground zero: `TransitionGraph.height`."""
     # Not `HeightMap.metres`: the product in single precision differs in the last bit.
     height = height_map.height * np.float32(HEIGHT_RESOLUTION)
     known = height_map.known
-    if known.all() or not known.any():
+    if known.all():
         return height
-    nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
-    return np.asarray(height[tuple(nearest)])
+    if not known.any():
+        return np.full_like(height, np.nan)
+    away, nearest = ndimage.distance_transform_edt(~known, return_indices=True)
+    reach = depth / height_map.geometry.resolution + _ROUNDING_ERROR
+    return np.where(away <= reach, height[tuple(nearest)], np.float32(np.nan))

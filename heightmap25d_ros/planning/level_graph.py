@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_map import Cell, HeightMap
 from heightmap25d_ros.params.sections import LevelsParams, PlannerParams, TraversabilityParams
-from heightmap25d_ros.planning.graph import TransitionGraph, transition_graph
+from heightmap25d_ros.planning.graph import TransitionGraph
+from heightmap25d_ros.planning.kept_graph import KeptGraphs
 from heightmap25d_ros.planning.search import LARGEST_SIDE, CostToGo, cost_to_go, to_cell
 from heightmap25d_ros.terrain.slices import SurfaceStack
 
@@ -43,7 +44,7 @@ class LevelGraph:
     terrain : TraversabilityParams, optional
     params : PlannerParams, optional
     graph_of : function, optional
-        Makes the graph of a slice, by its number and its map; `transition_graph` by default.
+        Makes the graph of a slice, by its number and its map; `KeptGraphs.of` by default.
 
     Attributes
     ----------
@@ -74,7 +75,7 @@ class LevelGraph:
         self.layers = [found.layer for found in slices]
         if len(slices) * (height_map.geometry.shape[0] + 2) > LARGEST_SIDE:
             raise InputError(f"a map with {len(slices)} levels is too large to be planned over")
-        made = graph_of or (lambda _, shown: transition_graph(shown, terrain, params))
+        made = graph_of or KeptGraphs(terrain, params).of
         self.graphs = [made(number, found.height_map) for number, found in enumerate(slices)]
         self._links = _links(self.layers)
 

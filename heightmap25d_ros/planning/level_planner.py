@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from heightmap25d_ros.grid.height_map import Cell, HeightMap
 from heightmap25d_ros.params.sections import LevelsParams, PlannerParams, TraversabilityParams
-from heightmap25d_ros.planning.graph import TransitionGraph, transition_graph
+from heightmap25d_ros.planning.graph import TransitionGraph
 from heightmap25d_ros.planning.level_graph import LevelGraph, Place
 from heightmap25d_ros.planning.plan import Plan, Pose2D, as_pose, joined
 from heightmap25d_ros.planning.planner import Planner, within_time
@@ -194,7 +194,8 @@ class LevelPlanner:
         if not graph.geometry.contains(cell):
             return False
         height = float(graph.height[cell]) + graph.geometry.ground_zero
-        return abs(height - pose[2, 3]) < _SAME_LEVEL and bool(graph.enterable[cell])
+        is_other = abs(height - pose[2, 3]) >= _SAME_LEVEL  # not where the height is unknown
+        return bool(graph.enterable[cell]) and not is_other
 
 
 def planner_over(
@@ -202,7 +203,7 @@ def planner_over(
     levels: LevelsParams | None = None,
     terrain: TraversabilityParams | None = None,
     params: PlannerParams | None = None,
-    restrict: Callable[[TransitionGraph], TransitionGraph] | None = None,
+    graph_of: Callable[[int, HeightMap], TransitionGraph] | None = None,
 ) -> Planner | LevelPlanner:
     """The planner of a map, whether it has one level or several.
 
@@ -212,8 +213,8 @@ def planner_over(
     levels : LevelsParams, optional
     terrain : TraversabilityParams, optional
     params : PlannerParams, optional
-    restrict : callable, optional
-        Closes cells of a graph.
+    graph_of : function, optional
+        As of `LevelGraph`; a map of one level is its own slice.
 
     Raises
     ------
@@ -221,12 +222,13 @@ def planner_over(
         As of `LevelGraph`.
     """
     terrain, params = terrain or TraversabilityParams(), params or PlannerParams()
-    restrict = restrict or (lambda graph: graph)
-    if not len(height_map.upper):
-        return Planner(restrict(transition_graph(height_map, terrain, params)), terrain, params)
-    graph = LevelGraph(height_map, levels, terrain, params)
-    graph.graphs = [restrict(part) for part in graph.graphs]
-    return LevelPlanner(graph, terrain, params)
+    if len(height_map.upper):
+        return LevelPlanner(
+            LevelGraph(height_map, levels, terrain, params, graph_of), terrain, params
+        )
+    if graph_of is None:
+        return Planner.from_height_map(height_map, terrain, params)
+    return Planner(graph_of(0, height_map), terrain, params)
 
 
 def level_name(layer: int, count: int) -> str:

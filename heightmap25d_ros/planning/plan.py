@@ -113,7 +113,7 @@ class Plan:
     cost : float [m]
         In metres of flat open ground.
     graph : TransitionGraph or None
-        The graph that was searched.
+        The graph that was searched; a kept one becomes that of the next map.
     cost_to_go : CostToGo or None
         Its field around the goal.
 

@@ -22,7 +22,8 @@ from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.grid.height_map import Area, Cell, HeightMap
 from heightmap25d_ros.params.sections import PlannerParams, TraversabilityParams
 from heightmap25d_ros.planning import collision
-from heightmap25d_ros.planning.graph import TransitionGraph, transition_graph
+from heightmap25d_ros.planning.graph import TransitionGraph
+from heightmap25d_ros.planning.kept_graph import KeptGraph
 from heightmap25d_ros.planning.plan import Plan, Pose2D, Status, as_pose, in_cells
 from heightmap25d_ros.planning.rectangle_check import (
     cell_to_close,
@@ -111,7 +112,7 @@ class Planner:
             If the robot's radius is more than 100 cells.
         """
         terrain, params = terrain or TraversabilityParams(), params or PlannerParams()
-        return cls(transition_graph(height_map, terrain, params), terrain, params)
+        return cls(KeptGraph(terrain, params).of(height_map), terrain, params)
 
     def with_params(self, params: PlannerParams) -> Planner:
         """The same planner with another goal tolerance or timeout."""

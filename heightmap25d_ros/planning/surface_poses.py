@@ -24,7 +24,8 @@ def on_surface(
         (y, x).
     heading : (N,) float64 [rad]
     reach : int
-        z is the mean over this many points before and after: single heights are noisy.
+        z is the mean over this many points before and after: single heights are noisy. Where no
+        known cell is near, it leads in a straight line from the last height to the next.
 
     Returns
     -------
@@ -41,7 +42,7 @@ def on_surface(
     poses[:, :3, 0], poses[:, :3, 1], poses[:, :3, 2] = ahead, np.cross(up, ahead), up
     poses[:, 0, 3] = x0 + points[:, 1] * resolution
     poses[:, 1, 3] = y0 + points[:, 0] * resolution
-    height = _smoothed(interpolated(graph.height[None], points)[0], reach)
+    height = _smoothed(_bridged(interpolated(graph.height[None], points)[0]), reach)
     poses[:, 2, 3] = height + graph.geometry.ground_zero
     return poses
 
@@ -52,6 +53,14 @@ def interpolated(layers: NDArray[np.float32], points: Array) -> NDArray[np.float
     return np.array(
         [ndimage.map_coordinates(layer, indices, np.float64, 1, "nearest") for layer in layers]
     )
+
+
+def _bridged(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values with those in between in place of NaN; zeros where there are none at all."""
+    given = np.flatnonzero(np.isfinite(values))
+    if not len(given):
+        return np.zeros_like(values)
+    return np.interp(np.arange(len(values)), given, values[given])
 
 
 def _smoothed(values: NDArray[np.float64], reach: int) -> NDArray[np.float64]:

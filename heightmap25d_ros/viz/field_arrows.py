@@ -38,6 +38,7 @@ def field_arrows(graph: TransitionGraph, cost_to_go: CostToGo) -> NDArray[np.flo
     dy, dx = np.array(NEIGHBOURS)[steps].T
     poses = np.zeros((len(cells), 6))
     poses[:, :2] = graph.geometry.cell_center(cells)
-    poses[:, 2] = graph.height[tuple(cells.T)] + graph.geometry.ground_zero
+    # Where no known cell is near they are at ground zero.
+    poses[:, 2] = np.nan_to_num(graph.height[tuple(cells.T)]) + graph.geometry.ground_zero
     poses[:, 5] = np.arctan2(dy, dx)
     return se3.from_xyz_rpy(poses)

@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from heightmap25d_ros.exploration.boundary import Boundary
 from heightmap25d_ros.exploration.explorer import Choice, Explorer
 from heightmap25d_ros.exploration.survey import Survey
 from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.params.sections import Params
+from heightmap25d_ros.planning.boundary import Boundary
 from heightmap25d_ros.planning.plan import Pose2D
 
 CELL = 0.125

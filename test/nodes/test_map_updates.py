@@ -2,19 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Maps that are followed by their updates: what goes out, and what listeners make of it."""
 
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from bag_writer import laser_scan, odometry, rclpy_type
-from nav_msgs.msg import OccupancyGrid
 from node_client import LATCHED, Client, mapping_node
 from rclpy.qos import QoSProfile
 
 from heightmap25d_ros.grid.height_map import Area, Geometry
 from heightmap25d_ros.nodes import map_updates
-from heightmap25d_ros.nodes.map_messages import UPDATE
+from heightmap25d_ros.nodes.map_messages import TOPICS, UPDATED_TOPICS
 from heightmap25d_ros.nodes.map_updates import UpdatedTopic
+from heightmap25d_ros.pipelines.drops import Drops
+from heightmap25d_ros.pipelines.level_map import LevelMap
 
 MS = 10**6
 AREA = Area(64, 32, 32, 48)
@@ -111,35 +113,60 @@ def test_updates_soon_after_a_whole_map_are_repeated(settled, clock):
     assert not settled.is_due(1)
 
 
+def test_a_map_is_refreshed_now_and_then(graph, clock):
+    topic = UpdatedTopic(graph, "map", "map_updates", refreshed=60.0)
+    assert topic.next(AREA, PLACE) is None
+    first = topic.whole_ns
+    clock[0] += 59.0
+    assert topic.next(AREA, PLACE) is not None
+    clock[0] += 2.0
+    assert topic.next(AREA, PLACE) is None
+    assert topic.whole_ns > first
+
+
 class Follower(Client):
     """Keeps the whole maps and the updates of the topics, and what they say together."""
 
     def __init__(self, namespace, name, *, with_updates=True):
         super().__init__(namespace, name)
-        self.whole = {"map": [], "cost_map": []}
-        self.updates = {"map": [], "cost_map": []}
+        self.whole = {topic: [] for topic in UPDATED_TOPICS}
+        self.updates = {topic: [] for topic in UPDATED_TOPICS}
         self.cells = {}
-        for topic in self.whole:
+        self._levels = LevelMap("map", Drops())
+        for topic, kind in UPDATED_TOPICS.items():
             self.node.create_subscription(
-                OccupancyGrid, topic, lambda m, t=topic: self._replace(t, m), LATCHED
+                TOPICS[topic], topic, partial(self._replace, topic), LATCHED
             )
             if with_updates:
                 self.node.create_subscription(
-                    UPDATE, f"{topic}_updates",
-                    lambda m, t=topic: self._update(t, m), QoSProfile(depth=10),
-                )  # fmt: skip
+                    kind, f"{topic}_updates", partial(self._update, topic), QoSProfile(depth=10)
+                )
+
+    def has_all(self):
+        return len(self.cells) == len(UPDATED_TOPICS)
 
     def _replace(self, topic, message):
         self.whole[topic].append(message)
-        self.cells[topic] = np.array(message.data, np.int8).reshape(
-            message.info.height, message.info.width
-        )
+        if topic == "height_grid":
+            self.cells[topic] = self._levels.take_lowest(message).metres
+        else:
+            shape = message.info.height, message.info.width
+            self.cells[topic] = np.array(message.data, np.int8).reshape(shape)
 
     def _update(self, topic, message):
         self.updates[topic].append(message)
+        if topic == "height_grid":
+            shown = self._levels.take_update(message)
+            self.cells[topic] = self.cells[topic] if shown is None else shown.metres
+            return
         rows = slice(message.y, message.y + message.height)
         columns = slice(message.x, message.x + message.width)
         self.cells[topic][rows, columns] = np.reshape(message.data, (message.height, message.width))
+
+
+def same(one, other):
+    """The topics whose cells are those of another one."""
+    return [t for t in one if np.array_equal(one[t], other[t], equal_nan=True)]
 
 
 class Robot:
@@ -167,7 +194,6 @@ class Robot:
             self._client.publish("scan", scan)
 
 
-@pytest.mark.skipif(UPDATE is None, reason="map_msgs is not installed")
 def test_a_listener_that_follows_the_updates_has_the_map_of_one_that_does_not(tmp_path):
     mount = "-p", "intake.mounts:=[0.0, 0.0, 0.5, 0.0, 0.05, 0.0]"
     rate = "-p", "mapping.publish_rate:=10.0"
@@ -175,31 +201,31 @@ def test_a_listener_that_follows_the_updates_has_the_map_of_one_that_does_not(tm
     robot = Robot(follower)
     with mapping_node(tmp_path, *mount, *rate, namespace="/followed") as process:
         robot.scan((0, 2.5))
-        follower.wait(lambda: follower.whole["map"] and follower.whole["cost_map"])
+        follower.wait(follower.has_all)
         follower.spin(1.0)
         count = {topic: len(messages) for topic, messages in follower.whole.items()}
-        assert follower.updates["map"] == []
-        before = follower.cells["map"].copy()
+        before = {topic: cells.copy() for topic, cells in follower.cells.items()}
         robot.scan((0, 2.5), (40, 3.0))
-        follower.wait(lambda: follower.updates["map"] and follower.updates["cost_map"])
+        follower.wait(lambda: not same(follower.cells, before))
         follower.spin(1.0)
         assert {topic: len(m) for topic, m in follower.whole.items()} == count
-        update, whole = follower.updates["map"][0], follower.whole["map"][-1]
-        assert update.header.frame_id == "map"
-        assert update.width * update.height < 0.7 * whole.info.width * whole.info.height
-        assert (follower.cells["map"] != before).any()
+        whole = follower.whole["height_grid"][-1].info
+        for update in follower.updates["height_grid"]:
+            assert update.header.frame_id == "map"
+            assert update.info.map_load_time == whole.map_load_time
+            assert update.info.width * update.info.height < 0.7 * whole.width * whole.height
         late = Follower("/followed", "late", with_updates=False)
-        late.wait(lambda: late.whole["map"] and late.whole["cost_map"])
+        late.wait(late.has_all)
 
         def agree():
             late.spin(0.05)
             follower.spin(0.05)
-            return all(np.array_equal(late.cells[t], follower.cells[t]) for t in follower.cells)
+            return len(same(late.cells, follower.cells)) == len(UPDATED_TOPICS)
 
         late.wait(agree)
         robot.scan((0, 2.5), (60, 5.0))
-        seen = len(late.whole["map"])
-        late.wait(lambda: len(late.whole["map"]) > seen)
+        seen = {topic: len(messages) for topic, messages in late.whole.items()}
+        late.wait(lambda: all(len(late.whole[topic]) > n for topic, n in seen.items()))
         late.wait(agree)
         late.close()
         assert process.poll() is None

@@ -106,6 +106,22 @@ def test_a_jump_of_the_odometry_is_no_fault():
     assert watch.fault() == ""
 
 
+def test_odometry_that_has_drifted_is_no_fault():
+    """The robot saw the ground of its way back on its way there, before its odometry drifted."""
+    watch, rng = MountWatch(), np.random.default_rng(3)
+    for travelled in np.arange(0.0, 18.0, 0.11):
+        x, yaw = (travelled, 0.0) if travelled < 9.0 else (18.0 - travelled, np.pi + 0.02)
+        y = 0.3 + 0.02 * max(travelled - 9.0, 0.0)
+        T = se3.from_xyz_rpy([x - 4.5, y, 0.0, 0.0, 0.0, yaw])
+        noisy = ranges(T @ se3.from_xyz_rpy(DOWN), straight_on) + rng.normal(0.0, 0.01, len(FAN))
+        scan = Scan(
+            angle_min=ANGLES[0], angle_increment=np.radians(0.5), range_max=30.0, ranges=noisy
+        )
+        T[2, 3] += 0.01 * travelled
+        watch.observe("scan", scan, T[None], se3.from_xyz_rpy(DOWN)[None])
+    assert watch.fault() == ""
+
+
 @pytest.mark.parametrize(("pitch", "told"), [(28.0, False), (30.0, True)])
 def test_the_self_check_names_the_laser(pitch, told):
     """Of a bag whose laser is pitched down by 28 degrees."""

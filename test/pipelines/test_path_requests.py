@@ -24,7 +24,8 @@ from test_planning import (
 
 from heightmap25d_ros.params.by_name import with_values
 from heightmap25d_ros.params.sections import Params
-from heightmap25d_ros.pipelines.path_requests import MapPlanner, PathRequest
+from heightmap25d_ros.pipelines.path_requests import KeptPlanner, MapPlanner, PathRequest
+from heightmap25d_ros.planning.boundary import Boundary
 from heightmap25d_ros.planning.plan import Plan, Status
 
 
@@ -113,7 +114,8 @@ def test_a_map_that_cannot_be_converted_is_a_reason():
     request = planning(FLAT).request([pose_stamped(*EAST)])
     height_map = request.over.height_map
     fine = replace(height_map, geometry=replace(height_map.geometry, resolution=0.01))
-    over = MapPlanner(fine, with_values(Params(), {"traversability.robot_radius": 5.0}))
+    params = with_values(Params(), {"traversability.robot_radius": 5.0})
+    over = MapPlanner(fine, KeptPlanner(params, Boundary.of([])))
     plan = replace(request, over=over).plan()
     assert plan.status is Status.UNKNOWN
     assert "robot_radius" in plan.reason

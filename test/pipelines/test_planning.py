@@ -52,6 +52,7 @@ def grid(height, known=None, *, origin=(0.0, 0.0), frame_id="map", **changes):
     info = SimpleNamespace(
         resolution=np.float32(CELL), width=height.shape[1], height=height.shape[0],
         origin=SimpleNamespace(position=position, orientation=rotation),
+        map_load_time=SimpleNamespace(sec=0, nanosec=0),
     )  # fmt: skip
     known = np.ones(height.shape, bool) if known is None else known
     fields = {

@@ -9,8 +9,8 @@ from planner_worlds import route_planner
 from properties import draws
 
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.exploration.boundary import Boundary, confined
 from heightmap25d_ros.grid.height_map import Geometry
+from heightmap25d_ros.planning.boundary import Boundary, confined
 from heightmap25d_ros.planning.planner import Planner
 
 GEOMETRY = Geometry(resolution=0.5, origin=(-3.0, 2.0), shape=(9, 13))

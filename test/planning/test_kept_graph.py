@@ -11,21 +11,23 @@ from hypothesis import strategies as st
 from properties import draws
 from scipy import ndimage
 
-from heightmap25d_ros.exploration import kept_graph
-from heightmap25d_ros.exploration.boundary import Boundary, confined
 from heightmap25d_ros.exploration.explorer import Explorer
-from heightmap25d_ros.exploration.kept_graph import KeptGraph
 from heightmap25d_ros.grid.height_map import SUSPECTED, Area, HeightMap
 from heightmap25d_ros.params.by_name import with_values
-from heightmap25d_ros.params.sections import Params
+from heightmap25d_ros.params.sections import Params, PlannerParams, TraversabilityParams
+from heightmap25d_ros.planning import kept_graph
+from heightmap25d_ros.planning.boundary import Boundary, confined
 from heightmap25d_ros.planning.graph import transition_graph
+from heightmap25d_ros.planning.kept_graph import KeptGraph
 from heightmap25d_ros.planning.plan import Pose2D
 
 CELL = 0.125
-FIELDS = ("gradient", "weight", "occupied", "forbidden", "enterable", "blocked", "incoming")
+FIELDS = (
+    "height", "gradient", "weight", "occupied", "forbidden", "enterable", "blocked", "incoming",
+)  # fmt: skip
+DEPTH = 0.4
 COARSE = with_values(
-    Params(), {"exploration.frontier_depth": 0.4, "traversability.robot_radius": 0.25,
-               "planner.clearance": 0.2},
+    Params(), {"traversability.robot_radius": 0.25, "planner.clearance": 0.2},
 )  # fmt: skip
 
 
@@ -61,9 +63,10 @@ def changed(rng, metres, suspected):
 
 @pytest.fixture(scope="module", autouse=True)
 def small_blocks():
-    """No more is made anew than has to be."""
+    """No more is made anew than has to be, in several pieces."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(kept_graph, "_BLOCK", 1)
+        patch.setattr(kept_graph, "_PIECE", 40)
         yield
 
 
@@ -73,7 +76,7 @@ def test_what_is_kept_and_renewed_is_the_graph_of_the_whole(seed, unknown, has_b
     rng = np.random.default_rng(seed)
     params = with_values(COARSE, {"planner.unknown": unknown})
     boundary = Boundary.of([(1, 1), (9, 2), (8, 12), (2, 9)] if has_boundary else [])
-    kept = KeptGraph(params, boundary)
+    kept = KeptGraph(params.traversability, params.planner, boundary, DEPTH)
     world = ground(rng, (110, 130))
     suspected = rng.random(world.shape) < 0.02
     area = Area(20, 20, 70, 80)
@@ -81,24 +84,47 @@ def test_what_is_kept_and_renewed_is_the_graph_of_the_whole(seed, unknown, has_b
         here = area.slices(Area(0, 0, *world.shape))
         height_map = shown(world[here], (area.iy, area.ix), suspected[here])
         graph = kept.of(height_map)
-        whole = transition_graph(height_map, params.traversability, params.planner)
+        whole = transition_graph(height_map, params.traversability, params.planner, DEPTH)
         whole = confined(whole, boundary)
         for name in FIELDS:
-            assert np.array_equal(getattr(graph, name), getattr(whole, name)), name
-        away = ndimage.distance_transform_edt(~height_map.known)
-        near = away * CELL <= params.exploration.frontier_depth
-        assert np.array_equal(graph.height[near], whole.height[near])
+            values, expected = getattr(graph, name), getattr(whole, name)
+            assert np.array_equal(values, expected, equal_nan=name == "height"), name
         world, suspected = changed(rng, world, suspected)
         area = area.hull(area.grown(int(rng.integers(0, 6)))).within(Area(0, 0, *world.shape))
 
 
 def test_a_map_that_is_another_one_is_looked_at_anew():
-    kept = KeptGraph(Params(), Boundary.of([]))
+    kept = KeptGraph(TraversabilityParams(), PlannerParams())
     large = kept.of(HeightMap.from_metres(np.zeros((30, 30))))
     small = kept.of(HeightMap.from_metres(np.zeros((10, 20))))
     assert large.enterable.shape == (30, 30)
     assert small.enterable.shape == (10, 20)
     assert kept.of(HeightMap.from_metres(np.zeros((20, 20)), resolution=0.5)).enterable.any()
+
+
+def test_what_is_lent_stays_and_what_is_not_becomes_the_next():
+    rng = np.random.default_rng(3)
+    world, nothing = ground(rng, (60, 70)), np.zeros((60, 70), bool)
+    kept = KeptGraph(COARSE.traversability, COARSE.planner)
+    first = kept.of(shown(world, (0, 0), nothing))
+    before = {name: getattr(first, name).copy() for name in FIELDS}
+    kept.lend()
+    world[20:30, 20:30] = 1.0
+    second = kept.of(shown(world, (0, 0), nothing))
+    for name in FIELDS:
+        assert np.array_equal(getattr(first, name), before[name], equal_nan=name == "height")
+    assert not np.array_equal(second.enterable, first.enterable)
+    world[40:50, 20:30] = 1.0
+    assert kept.of(shown(world, (0, 0), nothing)) is second
+
+
+def test_unknown_cells_have_the_height_of_known_ones_that_are_near():
+    metres = np.full((1, 9), np.nan)
+    metres[0, 0], metres[0, 8] = 1.0, 3.0
+    terrain, planner = COARSE.traversability, COARSE.planner
+    graph = transition_graph(HeightMap.from_metres(metres, resolution=1.0), terrain, planner, 2.0)
+    expected = [[1.0, 1.0, 1.0, np.nan, np.nan, np.nan, 3.0, 3.0, 3.0]]
+    assert np.array_equal(graph.height, np.array(expected, np.float32), equal_nan=True)
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
