@@ -1,13 +1,15 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The mapping node under two lasers of 361 beams at 37.5 Hz each: CPU, latency, drops.
+"""The mapping node under two lasers: CPU, latency, drops.
 
     python benchmarks/node.py
 
 The node runs in a process of its own (`measured_node.py`: the product's node, with a clock at
-the place where a scan has been merged); this process replays bags/ramp in real time. Latency is
-from the call that publishes a scan, whose last beam is as old as that, to the cells: most of it
-is waiting for the odometry that brackets the scan. The last scan of the bag has none.
+the place where a scan has been merged); this process replays bags/ramp in real time, two lasers of
+361 beams at 37.5 Hz each, and then those of `fast_lasers`: 1081 beams at 75 Hz each, with odometry
+at 200 Hz. Latency is from the call that publishes a scan, whose last beam is as old as that, to the
+cells: most of it is waiting for the odometry that brackets the scan. The last scan of the bag has
+none.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import fast_lasers
 import numpy as np
 import rclpy
 from nav_msgs.msg import OccupancyGrid, Odometry
@@ -42,6 +45,9 @@ MAPS = {
     "cost_map": OccupancyGrid,
     "height_points": PointCloud2,
 }
+Played = tuple[int, str, bytes]
+"""When a message was recorded [ns], its topic, and its bytes."""
+
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -51,18 +57,26 @@ def measure() -> dict[str, float]:
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     rclpy.init()
     figures: dict[str, float] = {}
-    for name, executor, listened in (
-        ("nobody listens", "events", {}),
-        ("four maps at 2 Hz", "events", MAPS),
-        ("rclpy's default executor", "default", {}),
+    drive = _drive()
+    static = [message for message in drive if message[1] == "/tf_static"]
+    for name, executor, listened, played in (
+        ("nobody listens", "events", {}, drive),
+        ("four maps at 2 Hz", "events", MAPS, drive),
+        ("rclpy's default executor", "default", {}, drive),
+        ("fast lasers", "events", {}, static + fast_lasers.messages()),
     ):
-        for figure, value in _run(executor, listened).items():
+        for figure, value in _run(executor, listened, played).items():
             figures[f"{name}: {figure}"] = value
     rclpy.shutdown()
     return figures
 
 
-def _run(executor: str, listened: dict[str, Any]) -> dict[str, float]:
+def _drive() -> list[Played]:
+    with Bag(RAMP) as bag:
+        return [(event.stamp_ns, event.topic, event.data) for event in bag.raw_events(list(TYPES))]
+
+
+def _run(executor: str, listened: dict[str, Any], played: list[Played]) -> dict[str, float]:
     node = rclpy.create_node("benchmark")
     received: list[str] = []
     for topic, kind in listened.items():
@@ -76,7 +90,7 @@ def _run(executor: str, listened: dict[str, Any]) -> dict[str, float]:
         )
         publishers = _publishers(node)
         cpu_before = cpu_seconds(process.pid)
-        published, seconds = _publish(node, publishers)
+        published, seconds = _publish(node, publishers, played)
         used = cpu_seconds(process.pid) - cpu_before
         time.sleep(0.5)
         process.send_signal(signal.SIGINT)
@@ -113,18 +127,18 @@ def _publishers(node: Node) -> dict[str, Any]:
     return publishers
 
 
-def _publish(node: Node, publishers: dict[str, Any]) -> tuple[dict[str, float], float]:
-    """Play the bag in real time; when each scan was published, by topic and stamp."""
+def _publish(
+    node: Node, publishers: dict[str, Any], played: list[Played]
+) -> tuple[dict[str, float], float]:
+    """Play messages in real time; when each scan was published, by topic and stamp."""
     published: dict[str, float] = {}
-    with Bag(RAMP) as bag:
-        events = list(bag.raw_events(list(TYPES)))
     began = time.time()
-    for event in events:
-        due = began + (event.stamp_ns - events[0].stamp_ns) * 1e-9
+    for stamp_ns, topic, data in played:
+        due = began + (stamp_ns - played[0][0]) * 1e-9
         time.sleep(max(due - time.time(), 0.0))
-        if event.topic.startswith("/scan"):
-            published[f"{event.topic} {_stamp_ns(event.data)}"] = time.time()
-        publishers[event.topic].publish(event.data)
+        if topic.startswith("/scan"):
+            published[f"{topic} {_stamp_ns(data)}"] = time.time()
+        publishers[topic].publish(data)
         rclpy.spin_once(node, timeout_sec=0.0)
     return published, time.time() - began
 

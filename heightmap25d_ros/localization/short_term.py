@@ -5,12 +5,18 @@
 Errors of the odometry that are known are taken out: they would bend the map.
 Several of staggered age are kept, as in Schultz and Adams (1998): when the oldest one is dropped,
 the next one is mature already, and drift within one of them stays small.
+
+Most of them are never looked at, while single scans are held to the map. So a short-term map keeps
+what it is to be made of, and is made when it is asked for.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +34,9 @@ from heightmap25d_ros.params import sources
 from heightmap25d_ros.params.sections import GridParams, LevelsParams, Params
 
 _RADIAN = 0.5  # [m] of travel equivalent to one radian of turning
+
+_MOST_WAITING = 100_000
+"""Beams that wait to be integrated into a map: of a laser at 75 Hz and 181 beams those of 7 s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,32 +79,60 @@ class ShortTermMap:
         self.distance, self.stamp_ns = distance, stamp_ns
         self._start = start
         self._T_start_odom = np.eye(4)
+        self._params = params
         self._threshold = params.mapper.probability_threshold
         self._tolerance = round(params.mapper.height_tolerance / HEIGHT_RESOLUTION)
         self._edge_step = params.registration.edge_step
-        extent = 2.0 * (sources.max_range(params) + params.short_term.length)
-        grid = GridParams(resolution=params.grid.resolution, extent=extent)
-        self._grid = HeightGrid(grid, levels=LevelsParams(max_surfaces=1))
-        self._mapper = Mapper(self._grid, params.sensor, params.mapper)
-        # x, y and distance travelled of each cell's newest return; float32 suffices for this.
-        self._newest = np.zeros((*self._grid.geometry.shape, 3), np.float32)
-        self._newest[:, :, 2] = -1.0
+        self._waiting: deque[Callable[[], None]] = deque()  # motions and beams, in their order
+        self._beams_waiting = 0
 
     def follow(self, T_odom_before: se3.Matrix, T_odom_base: se3.Matrix, errors: Array) -> None:
         """The robot moved by odometry, with errors (4,) as of `OdometryErrors.mean`."""
-        self._T_start_odom = corrected(self._T_start_odom, T_odom_before, T_odom_base, errors)
+        self._waiting.append(partial(self._follow, T_odom_before, T_odom_base, errors))
 
     def integrate(self, beams: Beams, distance: float) -> None:
         """Integrate beams, in odom, taken at a distance travelled [m]."""
+        self._waiting.append(partial(self._integrate, beams, distance))
+        self._beams_waiting += len(beams.ends)
+        while self._beams_waiting > _MOST_WAITING:
+            self._waiting.popleft()()
+
+    def _follow(self, T_odom_before: se3.Matrix, T_odom_base: se3.Matrix, errors: Array) -> None:
+        self._T_start_odom = corrected(self._T_start_odom, T_odom_before, T_odom_base, errors)
+
+    def _integrate(self, beams: Beams, distance: float) -> None:
+        self._beams_waiting -= len(beams.ends)
         ends = se3.transform_points(self._T_start_odom, beams.ends) - self._start
         is_hit = beams.is_hit & ~beams.is_lone
         origins = se3.transform_points(self._T_start_odom, beams.origins) - self._start
+        grid = self._mapper.grid
         self._mapper.integrate(replace(beams, origins=origins, ends=ends))
-        geometry = self._grid.geometry
         _store_newest(
-            ends, is_hit, distance - self.distance, self._grid.height.cells, geometry.origin,
-            geometry.resolution, self._tolerance, self._newest,
+            ends, is_hit, distance - self.distance, grid.height.cells, grid.geometry.origin,
+            grid.geometry.resolution, self._tolerance, self._newest,
         )  # fmt: skip
+
+    @cached_property
+    def _mapper(self) -> Mapper:
+        params = self._params
+        extent = 2.0 * (sources.max_range(params) + params.short_term.length)
+        geometry = GridParams(resolution=params.grid.resolution, extent=extent)
+        grid = HeightGrid(geometry, levels=LevelsParams(max_surfaces=1))
+        return Mapper(grid, params.sensor, params.mapper)
+
+    @cached_property
+    def _newest(self) -> NDArray[np.float32]:
+        """x, y and distance travelled of each cell's newest return; float32 suffices for this."""
+        newest = np.zeros((*self._mapper.grid.geometry.shape, 3), np.float32)
+        newest[:, :, 2] = -1.0
+        return newest
+
+    @property
+    def _grid(self) -> HeightGrid:
+        """The map as it is, with all that has waited."""
+        while self._waiting:
+            self._waiting.popleft()()
+        return self._mapper.grid
 
     def height_map(self) -> HeightMap:
         """The map in its frame, on a lattice of its own, above a ground zero in whole metres."""
@@ -115,9 +152,10 @@ class ShortTermMap:
 
     def local_cells(self, distance: float) -> LocalCells:
         """Its known cells, with their ages at a distance travelled [m]."""
-        area = self._grid.observed_area()
-        height_map = self._grid.read(self._threshold, area)
-        newest = self._newest[area.slices(self._grid.area)]
+        grid = self._grid
+        area = grid.observed_area()
+        height_map = grid.read(self._threshold, area)
+        newest = self._newest[area.slices(grid.area)]
         is_used = height_map.known & (newest[:, :, 2] >= 0.0)
         # Not `HeightMap.metres`: edges are found in single precision, as on the long-term map.
         height = height_map.height * np.float32(HEIGHT_RESOLUTION)
@@ -133,7 +171,8 @@ class ShortTermMap:
     @property
     def known_cells(self) -> int:
         """Number of known cells."""
-        probability = self._grid.probability.read(self._grid.observed_area())
+        grid = self._grid
+        probability = grid.probability.read(grid.observed_area())
         return int((probability >= stored_probability(self._threshold)).sum())
 
 
@@ -183,7 +222,10 @@ class ShortTermMaps:
 
     def integrate(self, beams: Beams, T_odom_base: se3.Matrix, stamp_ns: int) -> None:
         """Integrate beams, in odom, taken at a pose (4, 4) of the robot."""
-        params = self.params.short_term
+        params, T_odom_base = (
+            self.params.short_term,
+            T_odom_base.copy(),
+        )  # not all of a scan's poses
         if self._T_odom_base is not None:
             self.distance += distance_travelled(self._T_odom_base, T_odom_base)
             for short_term_map in self._maps:

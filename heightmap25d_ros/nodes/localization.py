@@ -195,13 +195,14 @@ class LocalizationNode(ManagedNode):
             self._publish_status()
         if attempts and self.has_subscribers("short_term_grid"):
             self._publish_short_term(attempts[-1])
-        pose = self._localizer.pose
-        if pose is None:
-            return
+        stamp_ns = self._localizer.stamp_ns
         # Periods are counted from zero: so the rate holds on average, whatever odometry's is.
-        period = int(pose.stamp_ns * 1e-9 * self.params.localization.transform_rate)
-        if period != self._period or (attempts and pose.stamp_ns != self._published_ns):
-            self._period, self._published_ns = period, pose.stamp_ns
+        period = int(stamp_ns * 1e-9 * self.params.localization.transform_rate)
+        if period == self._period and not (attempts and stamp_ns != self._published_ns):
+            return
+        pose = self._localizer.pose
+        if pose is not None:
+            self._period, self._published_ns = period, stamp_ns
             self._publish_pose(pose)
 
     def _publish_pose(self, pose: Pose) -> None:

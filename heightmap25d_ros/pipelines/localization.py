@@ -67,7 +67,9 @@ def compile_kernels(params: Params) -> None:
     beam = np.array([[0.0, 0.0, 1.0]])
     is_hit, is_lone = np.ones(1, bool), np.zeros(1, bool)
     beams = sensor_model.Beams(origins=beam, ends=beam + 1.0, is_hit=is_hit, is_lone=is_lone)
-    scratch.integrate(beams, np.eye(4), 0)
+    for seconds in (0.0, params.short_term.mature_time):  # with a motion between them
+        scratch.integrate(beams, np.eye(4), round(1e9 * seconds))
+    scratch.mature()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,6 +11,7 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right
 from collections import deque
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from enum import Enum
 from functools import reduce
 from typing import Any
@@ -93,6 +94,27 @@ class _Edge:
         return interpolate(stamps, np.array(self.poses[around]), query_ns)
 
 
+@dataclass(slots=True, eq=False)
+class _Path:
+    """The way between two frames, from their common ancestor down to both.
+
+    Attributes
+    ----------
+    to_source, to_target : list of _Edge
+    T_target_source : (1, 4, 4) float64 or None
+        Where nothing moves, once it was looked up.
+    """
+
+    to_source: list[_Edge]
+    to_target: list[_Edge]
+    T_target_source: se3.Matrix | None = None
+
+    @property
+    def is_static(self) -> bool:
+        """Whether nothing moves."""
+        return all(edge.is_static for edge in (*self.to_source, *self.to_target))
+
+
 class TransformBuffer:
     """The recent poses of all frames to one another.
 
@@ -116,8 +138,9 @@ class TransformBuffer:
         self._max_gap_ns = round(max_gap * 1e9)
         self._history_ns = round(history * 1e9)
         self._edges: dict[str, _Edge] = {}
-        self._paths: dict[tuple[str, str], tuple[list[_Edge], list[_Edge]]] = {}  # looked up before
+        self._paths: dict[tuple[str, str], _Path] = {}  # looked up before
         self._missed: set[str] = set()  # frames that were asked for, and have no parent yet
+        self._ends: set[str] = set()  # frames above others: what they are in matters to nobody
         self._unread: dict[str, deque[Any]] = {}
         self._contradicted: set[str] = set()  # static frames, of which that has been told
         self._refused: dict[str, dict[str, int]] = {}  # what stood in a frame's way, and its stamps
@@ -152,6 +175,8 @@ class TransformBuffer:
         child = stamped.child_frame_id.lstrip("/")
         if child in self._edges or child in self._missed:
             return True
+        if child in self._ends and self._is_reversed(stamped):
+            return True
         unread = self._unread.get(child)
         if unread is None:
             if len(child) > decode.LONGEST_FRAME:
@@ -161,6 +186,17 @@ class TransformBuffer:
             unread = self._unread[child] = deque(maxlen=_KEPT)
         unread.append(stamped)
         return False
+
+    def _is_reversed(self, stamped: Any) -> bool:
+        """Whether a transform puts a frame in one that may be below it, which is to be told."""
+        return stamped.header.frame_id.lstrip("/") in self._edges
+
+    def _end_at(self, frame: str) -> None:
+        """No lookup leads on upward from a frame: only what reverses others matters of it."""
+        if frame not in self._ends and len(self._ends) < MOST_FRAMES:
+            self._ends.add(frame)
+            unread = filter(self._is_reversed, self._unread.get(frame, ()))
+            self._decoded(list(unread), is_static=False, is_displacing=False)
 
     def add(
         self,
@@ -290,36 +326,49 @@ class TransformBuffer:
         path = self._paths.get((target, source)) or self._path(target, source)
         if path is None:
             return Missing.UNCONNECTED
-        T_common_source, T_common_target = (self._along(edges, stamps_ns) for edges in path)
+        if path.T_target_source is not None:
+            return path.T_target_source
+        found = self._between(path, stamps_ns)
+        if not isinstance(found, Missing) and path.is_static:
+            path.T_target_source = found
+        return found
+
+    def _between(self, path: _Path, stamps_ns: NDArray[np.int64]) -> se3.Matrix | Missing:
+        T_common_source = self._along(path.to_source, stamps_ns)
+        T_common_target = self._along(path.to_target, stamps_ns)
         if isinstance(T_common_source, Missing) or isinstance(T_common_target, Missing):
             return _final_first([T_common_source, T_common_target])
-        if not path[1]:
+        if not path.to_target:
             return T_common_source
         return se3.compose(se3.inverse(T_common_target), T_common_source)
 
-    def _path(self, target: str, source: str) -> tuple[list[_Edge], list[_Edge]] | None:
-        """From the common ancestor of two frames down to the source, and to the target."""
-        above_source, above_target = self._upward(source), self._upward(target)
-        common = next((frame for frame in above_source if frame in above_target), None)
-        if common is None:
+    def _path(self, target: str, source: str) -> _Path | None:
+        below = self._below_common(target, source)
+        if below is None:
             return None
-        to_source, to_target = (
-            [self._edges[frame] for frame in reversed(frames[: frames.index(common)])]
-            for frames in (above_source, above_target)
-        )
-        self._paths[target, source] = to_source, to_target
-        return to_source, to_target
+        down, aside = ([self._edges[frame] for frame in reversed(frames)] for frames in below)
+        path = self._paths[target, source] = _Path(down, aside)
+        return path
 
     def chain(self, target: str, source: str) -> list[str]:
         """The frames whose poses in their parents lie between two frames; none if unconnected."""
-        above_source, above_target = self._upward(source), self._upward(target)
+        below = self._below_common(target, source)
+        return [] if below is None else [*below[0], *below[1]]
+
+    def _below_common(self, target: str, source: str) -> tuple[list[str], list[str]] | None:
+        """From the source, and from the target, upward to below their common ancestor."""
+        above_source = self._upward(source, target)
+        if above_source[-1] == target:
+            self._end_at(target)
+            return above_source[:-1], []
+        above_target = self._upward(target)
         common = next((frame for frame in above_source if frame in above_target), None)
         if common is None:
-            return []
-        return [
-            *above_source[: above_source.index(common)],
-            *above_target[: above_target.index(common)],
-        ]
+            return None
+        return (
+            above_source[: above_source.index(common)],
+            above_target[: above_target.index(common)],
+        )
 
     def is_connected(self, target: str, source: str) -> bool:
         """Whether two frames have a common ancestor, at whatever time."""
@@ -330,10 +379,10 @@ class TransformBuffer:
         edges = [self._edges[frame] for frame in self.chain(target, source)]
         return min((edge.stamps[-1] for edge in edges if not edge.is_static), default=None)
 
-    def _upward(self, frame: str) -> list[str]:
-        """A frame, its parent, and so on to the root; their transforms are used from now on."""
+    def _upward(self, frame: str, end: str = "") -> list[str]:
+        """A frame, its parent, and so on to an end or the root; they are used from now on."""
         frames = [frame]
-        while len(frames) <= DEEPEST:
+        while len(frames) <= DEEPEST and frames[-1] != end:
             edge = self._edges.get(frames[-1]) or self._read(frames[-1])
             if edge is None:
                 break

@@ -7,6 +7,8 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -29,10 +31,35 @@ def sha256(directory: Path) -> dict[str, str]:
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
 
+def beginning(way: np.ndarray, metres: float) -> np.ndarray:
+    """The first part of a path."""
+    along = np.append(0.0, np.cumsum(np.hypot(*np.diff(way, axis=0).T)))
+    end = [np.interp(metres, along, axis) for axis in way.T]
+    return np.vstack([way[along < metres], end])
+
+
+def short(name: str, metres: float) -> Callable[[np.random.Generator], World]:
+    """A world with the first metres of its drive."""
+
+    def built(rng: np.random.Generator) -> World:
+        world = BUILDERS[name](rng)
+        return replace(world, way=beginning(world.way, metres))
+
+    return built
+
+
+@pytest.fixture(scope="module", autouse=True)
+def short_worlds() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        for name, metres in (("arch", 6.0), ("plain_ramp", 12.0)):
+            patch.setitem(BUILDERS, f"short_{name}", short(name, metres))
+        yield
+
+
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     bag = tmp_path_factory.mktemp("first") / "arch_1"
-    assert main(["simulate", "arch", "--seed", "1", "-o", str(bag), "--json"]) == 0
+    assert main(["simulate", "short_arch", "--seed", "1", "-o", str(bag), "--json"]) == 0
     return bag
 
 
@@ -49,7 +76,7 @@ def stamp(message) -> int:
 
 @pytest.mark.slow
 def test_same_seed_same_bytes(recorded: Path, tmp_path: Path) -> None:
-    assert main(["simulate", "arch", "--seed", "1", "-o", str(tmp_path / "arch_1")]) == 0
+    assert main(["simulate", "short_arch", "--seed", "1", "-o", str(tmp_path / "arch_1")]) == 0
     assert sha256(recorded) == sha256(tmp_path / "arch_1")
 
 
@@ -108,7 +135,7 @@ def test_mounts_frames_and_qualities(recorded: Path) -> None:
 def test_true_odometry_is_the_truth_and_the_other_drifts(recorded: Path, tmp_path: Path) -> None:
     exact = tmp_path / "exact"
     options = ["--scan-rate", "1", "--true-odometry", "--nodding"]
-    assert main(["simulate", "arch", "-o", str(exact), *options]) == 0
+    assert main(["simulate", "short_arch", "-o", str(exact), *options]) == 0
 
     def last(bag: Path, topic: str) -> np.ndarray:
         position = list(messages(bag, topic))[-1][2].pose.pose.position
@@ -150,7 +177,7 @@ def test_number_of_too_many_digits_is_told_without_them(
 def test_largest_seed_works(tmp_path: Path) -> None:
     bag, seed = tmp_path / "bag", 2**63 - 1
     options = ["--seed", str(seed), "--scan-rate", "1"]
-    assert main(["simulate", "plain_ramp", "-o", str(bag), *options]) == 0
+    assert main(["simulate", "short_plain_ramp", "-o", str(bag), *options]) == 0
     with np.load(bag / "truth" / "surface.npz") as surface:
         assert int(surface["seed"]) == seed
 
@@ -188,8 +215,8 @@ def test_drive_that_is_blocked_is_told(
 
 
 def ramp_bag(directory: Path, *options: str) -> Path:
-    """A bag of few scans in plain_ramp."""
-    arguments = ["simulate", "plain_ramp", "--scan-rate", "5", "-o", str(directory), *options]
+    """A bag of few scans at the foot of a ramp."""
+    arguments = ["simulate", "short_plain_ramp", "--scan-rate", "5", "-o", str(directory), *options]
     assert main(arguments) == 0
     return directory
 
