@@ -12,6 +12,7 @@ from typing import Any
 from heightmap25d_ros.grid.height_grid import HeightGrid
 from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.io.bag import Bag
+from heightmap25d_ros.mapping.drop_offs import DropOffs
 from heightmap25d_ros.mapping.mapper import Mapper
 from heightmap25d_ros.mapping.sensor_model import Beams
 from heightmap25d_ros.params.sections import Params
@@ -48,13 +49,20 @@ def scans_of(
 
 
 def mapped(scans: list[Beams], params: Params) -> tuple[HeightMap, float, HeightGrid]:
-    """A map of scans, the seconds of processor time that it took, and its grid."""
+    """A map of scans, the seconds of processor time that `Mapper` took, and its grid.
+
+    With suspected drop-offs, as `mapping` makes it.
+    """
     grid = HeightGrid(params.grid, levels=params.levels)
     mapper = Mapper(grid, params.sensor, params.mapper)
-    began = time.process_time()
+    drop_offs = DropOffs(grid, params.traversability, params.mapper.probability_threshold)
+    seconds = 0.0
     for beams in scans:
+        began = time.process_time()
         mapper.integrate(beams)
-    return grid.read(), time.process_time() - began, grid
+        seconds += time.process_time() - began
+        drop_offs.integrate(beams)
+    return grid.read(), seconds, grid
 
 
 def place(point: Any) -> Pose2D:

@@ -26,35 +26,65 @@ from heightmap25d_ros.io.bag import Bag
 from heightmap25d_ros.params.sections import LevelsParams, Params
 from heightmap25d_ros.planning.level_planner import planner_over
 from heightmap25d_ros.planning.plan import Plan
+from heightmap25d_ros.simulation.recording import world_of
+from heightmap25d_ros.simulation.scene import Scene
 
 _SAME_LEVEL = 0.35  # [m] of a pose from the surface that it is on
+_SLACK = 1e-3  # [m] of a step and a clear height at its limit
 
 
-def contacts(plan: Plan, truth: LevelTruth, params: Params) -> bool:
+def contacts(plan: Plan, truth: LevelTruth, scene: Scene, params: Params) -> bool:
     """Whether a path leaves the true surface of its level, or touches something on it.
 
     Where both levels have the surface of a pose, as on a ramp, one on which it is free is enough.
+    The cells of the truth decide where nothing is in reach, and the world itself elsewhere.
     """
     poses = se3.to_xyz_rpy(plan.poses)
     cells = truth.geometry.cell_at(poses[:, :2])
     is_on = np.abs(truth.top[:, cells[:, 0], cells[:, 1]] - poses[:, 2]) < _SAME_LEVEL
     return not all(
         any(
-            _is_free(pose, truth.ground(level), params)
+            _is_free_by_cells(pose, truth.ground(level), params)
+            or _is_free(pose, scene, params, is_upper=level > 0)
             for level in np.flatnonzero(is_on[:, number])
         )
         for number, pose in enumerate(poses)
     )
 
 
-def _is_free(pose: Any, ground: TrueGround, params: Params) -> bool:
-    robot = params.planner.robot_length, params.planner.robot_width
-    found = evaluate_path(ground, pose[None, [0, 1, 5]], *robot)
-    is_clear = found.lowest_ceiling_m >= params.levels.clear_height - 1e-3
-    return is_clear and found.largest_step_m <= params.traversability.max_step + 1e-3
+def _is_free_by_cells(pose: Any, ground: TrueGround, params: Params) -> bool:
+    """Whether a rectangle that is larger than the robot by two cells is free."""
+    sides = np.array([params.planner.robot_length, params.planner.robot_width])
+    found = evaluate_path(
+        ground, pose[None, [0, 1, 5]], *(sides + 4 * ground.geometry.resolution).tolist()
+    )
+    is_clear = found.lowest_ceiling_m >= params.levels.clear_height - _SLACK
+    return is_clear and found.largest_step_m <= params.traversability.max_step + _SLACK
 
 
-def of_plans(height_map: HeightMap, bag: Path, truth: LevelTruth, params: Params) -> dict[str, int]:
+def _is_free(pose: Any, scene: Scene, params: Params, *, is_upper: bool) -> bool:
+    """Whether the robot's rectangle is free of steps and low ceilings at points 1 cm apart."""
+    axes = [
+        np.linspace(-side / 2, side / 2, round(side / 0.01) + 1)
+        for side in (params.planner.robot_length, params.planner.robot_width)
+    ]
+    ahead, aside = np.meshgrid(*axes, indexing="ij")
+    sine, cosine = np.sin(pose[5]), np.cos(pose[5])
+    points = np.column_stack([
+        (pose[0] + ahead * cosine - aside * sine).ravel(),
+        (pose[1] + ahead * sine + aside * cosine).ravel(),
+    ])  # fmt: skip
+    height = scene.heights(points, with_overhead=is_upper)
+    clearance = scene.undersides(points, height) - height
+    grid = height.reshape(ahead.shape)
+    step = max(np.abs(np.diff(grid, axis=axis)).max() for axis in (0, 1))
+    is_clear = clearance.min() >= params.levels.clear_height - _SLACK
+    return is_clear and step <= params.traversability.max_step + _SLACK
+
+
+def of_plans(
+    height_map: HeightMap, bag: Path, truth: LevelTruth, scene: Scene, params: Params
+) -> dict[str, int]:
     """Goals that the planner finds and refuses, and paths that touch something."""
     planner = planner_over(
         height_map, params.levels, params.traversability, replace(params.planner, timeout=60.0)
@@ -70,7 +100,7 @@ def of_plans(height_map: HeightMap, bag: Path, truth: LevelTruth, params: Params
         "found": int((found & pairs.observed).sum()),
         "unreachable": int((~pairs.reachable).sum()),
         "refused": int((~found & ~pairs.reachable).sum()),
-        "contacts": sum(contacts(plan, truth, params) for plan in plans if plan.found),
+        "contacts": sum(contacts(plan, truth, scene, params) for plan in plans if plan.found),
     }
 
 
@@ -104,11 +134,12 @@ def two_levels(folder: Path, seeds: list[int], params: Params) -> None:
             bag = recorded(folder, world, seed)
             truth = read_levels(bag / "truth" / "surface.npz")
             assert truth is not None
+            scene = world_of(world, seed).scene()
             scans = scans_of(bag, params)
             for order, ordered in (("driven", scans), ("reversed", scans[::-1])):
                 height_map, _, _ = mapped(ordered, params)
                 errors = evaluate_levels(height_map, params.levels, params.traversability, truth)
-                plans = of_plans(height_map, bag, truth, params)
+                plans = of_plans(height_map, bag, truth, scene, params)
                 ideal = evaluate_goals_on_levels(
                     height_map, params.levels, params.traversability,
                     read_goals(bag / "truth" / "goals.npz"),

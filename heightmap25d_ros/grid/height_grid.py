@@ -338,15 +338,16 @@ class HeightGrid:
         )  # fmt: skip
 
     def _write_upper(self, upper: UpperSurfaces, area: Area) -> None:
-        """Replace the surfaces above the lowest ones of an area of whole tiles.
+        """Replace the surfaces above the lowest ones of an area of whole tiles; none are hidden.
 
         Of a cell with more surfaces than there are layers the lower ones are kept.
         """
         ty, tx = area.iy // TILE, area.ix // TILE
         tiles = np.s_[ty : ty + area.rows // TILE, tx : tx + area.columns // TILE]
         span, heights, beliefs = self.upper.tile_span, self.upper.heights, self.upper.beliefs
-        used = np.argwhere(span[tiles][..., 1]) + (ty, tx)
-        beliefs[:, used[:, 0], used[:, 1]] = 0
+        stored = self.upper.stored[1]
+        used = np.argwhere(stored[(slice(None), *tiles)].any(axis=(0, 3, 4, 5))) + (ty, tx)
+        stored[:, used[:, 0], used[:, 1]] = 0
         span[tiles] = 0
         kept = upper.where(upper.rank < self.upper.count)
         layer, (y, x) = kept.rank, (kept.cell + (area.iy, area.ix)).T

@@ -174,13 +174,14 @@ NO_UPPER = UpperSurfaces.of([])
 class UpperLayers:
     """The surfaces above the lowest one in the cells of a growing map, in layers.
 
-    The layers of a cell are in no order: a surface takes the first free one. Memory is committed
-    by the page, as cells are written: a map of one level takes none.
+    The layers of a cell are in no order: a surface takes the first free one. What is hidden below
+    the lowest surface, until that proves to hang in the air, is in one more layer. Memory is
+    committed by the page, as cells are written.
 
     Parameters
     ----------
     count : int
-        Number of layers; 0: none.
+        Number of layers; 0: none, and nothing is hidden.
     shape : (tile rows, tile columns, rows, columns)
 
     Attributes
@@ -190,13 +191,19 @@ class UpperLayers:
     beliefs : (count, *shape, 2) uint16
         Probability of the surface, below the threshold where there is none; and of its candidate,
         0 where there is none.
+    stored : ((count + 1, *shape, 3) int16, (count + 1, *shape, 2) uint16)
+        The two in memory, followed by what is hidden, which has no bottom.
     tile_span : (tile rows, tile columns, 2) int32 [cm]
         Lowest bottom and highest top in each tile, plus a bias; 0, 0: no surface.
     """
 
     def __init__(self, count: int, shape: tuple[int, int, int, int]) -> None:
-        self.heights = lazy_zeros((count, *shape, 3), np.int16)
-        self.beliefs = lazy_zeros((count, *shape, 2), np.uint16)
+        layers = count + 1 if count else 0
+        self.stored = (
+            lazy_zeros((layers, *shape, 3), np.int16),
+            lazy_zeros((layers, *shape, 2), np.uint16),
+        )
+        self.heights, self.beliefs = self.stored[0][:count], self.stored[1][:count]
         self.tile_span = lazy_zeros((*shape[:2], 2), np.int32)
 
     @property

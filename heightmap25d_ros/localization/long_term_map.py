@@ -161,8 +161,10 @@ class LongTermMap:
 def _layers_of(found: Slice, stack: SurfaceStack, layers: LayerMap) -> LayerMap:
     """The layers of a slice: in each cell those whose ground is nearest to that of the slice.
 
-    Of a deck that was not seen after what is below it, there are none of its own: its top counts as
-    returns. Where another level alone is known there is nothing.
+    Where another level alone is known there is nothing. Returns from a deck are averaged by
+    themselves as soon as much of the deck is known. Where none are, its top counts as returns from
+    anywhere in the cell, and those from what stands on it are among the lowest level's: where these
+    are all on one line, the line is that of both.
     """
     levels = layers, *layers.above
     top = found.height_map.metres.astype(np.float32)
@@ -186,6 +188,15 @@ def _layers_of(found: Slice, stack: SurfaceStack, layers: LayerMap) -> LayerMap:
     is_top = ~is_own & ~is_none
     arrays["ground_count"][is_top] = _LEAST_RETURNS
     arrays["ground_height"][is_top] = top[is_top]
+    anywhere = np.float32(_LEAST_RETURNS * layers.geometry.resolution**2 / 12)
+    has_others = layers.elevated_count > 0
+    for axis in "xy":
+        elevated, spread = f"elevated_{axis}", f"spread_{axis}{axis}"
+        at = np.where(has_others, getattr(layers, elevated), np.float32(0.0))
+        arrays[elevated][is_top] = arrays[f"ground_{axis}"][is_top] = at[is_top]
+        arrays[spread][is_top] = np.where(has_others, getattr(layers, spread), anywhere)[is_top]
+    for name in ("elevated_count", "spread_xy"):
+        arrays[name][is_top] = np.where(has_others, getattr(layers, name), np.float32(0.0))[is_top]
     return LayerMap(geometry=layers.geometry, above=(), **arrays)
 
 

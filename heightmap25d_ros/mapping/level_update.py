@@ -11,17 +11,21 @@ surface below it. What is added:
 - A reading with less than the clear height left to the surface above it, and more to the one
   below, is the underside of the one above.
 - A surface that is raised until less than the clear height is left becomes one with that above.
+- A reading the clear height or more below the lowest surface is off the side of what stands there,
+  or off what is below a deck. It waits: such readings are of a surface of their own, hidden below
+  the lowest one. Beams are evidence against the lowest one alone, as long as that is known.
 - A lowest surface that is lost to a beam the clear height or more below it hangs in the air: it
-  becomes an upper one with the belief that it had, and the ground below it is unknown. So a deck
-  that was driven first is kept. One beam is not enough for that: beside a wall, beams pass through
-  cells of which it fills a part, and returns from it speak for it again.
+  becomes an upper one with the belief that it had, and what is hidden below it the lowest one;
+  where nothing is, the ground is unknown. So a deck that was driven first is kept, and so is what
+  was seen below it. One beam is not enough for that: beside a wall, beams pass through cells of
+  which it fills a part, and returns from it speak for it again.
 - So does one that is lost to a beam that rises to it, from a laser the clear height or more below
   it: a robot on a ramp looks up at the underside of a deck. Such a beam passes two tolerances or
   more below the surface; nearer ones graze what ascends.
 
-Upper surfaces are in the layers of a `UpperLayers`, whose flat arrays the kernels take as
-``layers``: (heights, beliefs, tile_span). They are called where a cell has, or may get, more than
-one surface: elsewhere `mapper` does not come here.
+Upper surfaces are in the layers of a `UpperLayers`, and the hidden one in the last of them; the
+kernels take its flat arrays as ``layers``: (heights, beliefs, tile_span). They are called where a
+cell has, or may get, more than one surface: elsewhere `mapper` does not come here.
 """
 
 from __future__ import annotations
@@ -42,6 +46,7 @@ BELIEFS = 2
 _HEIGHTS = 3  # the heights of one
 _NONE, _LOWEST = -2, -1  # in place of a layer
 _FAR = np.int64(1 << 30)  # [cm]
+_NOTHING = np.int64(0), np.int64(0), np.int64(0), np.int64(0)
 _TILE_CELLS = TILE * TILE
 
 
@@ -63,7 +68,11 @@ def hit_surface(cell, tile, z, distance, lowest, layers, model, rule):
             _store(cell, tile, below, confirmed, bottom, layers, rule)
             return lowest, CHANGED if confirmed[0] != surface[0] else KEPT
     elif below == _NONE and lowest[1] >= rule.known:
-        return lowest, KEPT  # under the lowest surface
+        if lowest[0] - z >= rule.clear:
+            hidden = _surface(cell, rule.layers, layers, rule)
+            hidden = hit(hidden, z, distance, model, rule)
+            _put(cell, rule.layers, hidden, layers, rule)
+        return lowest, KEPT
     underside = _bottom(cell, above, layers, rule)
     is_clear_below = below == _NONE or z - surface[0] >= rule.clear
     if is_clear_below and underside - z < rule.clear:
@@ -100,13 +109,28 @@ def _hit_near(surface, z, distance, model, rule):
 
 
 @kernel
-def lift(cell, tile, lowest, layers, rule):
-    """Make the lowest surface of a cell an upper one; false where no layer is free."""
+def lost(cell, tile, before, after, beam_height, sensor_z, layers, rule):
+    """The lowest surface of a cell when it is lost to a beam: what is hidden, if it is lifted.
+
+    Parameters
+    ----------
+    before, after : (height, probability, candidate height, candidate probability)
+        The surface that is lost, and what `miss` made of it.
+    beam_height, sensor_z : float [cm]
+        Above the first one the beam contradicts heights; the second one is that of the laser.
+    """
+    hidden = _surface(cell, rule.layers, layers, rule)
+    if hidden[1] > 0:
+        _put(cell, rule.layers, _NOTHING, layers, rule)
+    beyond = before[0] - beam_height
+    is_overhead = beyond >= rule.clear or (
+        beyond >= 2 * rule.tolerance and before[0] - sensor_z >= rule.clear
+    )
     layer = _free_layer(cell, layers, rule)
-    if layer == _NONE:
-        return False
-    _store(cell, tile, layer, lowest, lowest[0], layers, rule)
-    return True
+    if not is_overhead or layer == _NONE:
+        return after
+    _store(cell, tile, layer, before, before[0], layers, rule)
+    return hidden
 
 
 @kernel
@@ -187,7 +211,7 @@ def _is_over_bottom(cell, layer, entry, layers, rule):
 @kernel
 def _at(cell, layer, layers, rule):
     """The number of a surface in the arrays of `UpperLayers`."""
-    return layer * (layers[1].size // (BELIEFS * rule.layers)) + np.int64(cell)
+    return layer * (layers[1].size // (BELIEFS * (rule.layers + 1))) + np.int64(cell)
 
 
 @kernel
@@ -224,13 +248,19 @@ def _free_layer(cell, layers, rule):
 
 
 @kernel
-def _store(cell, tile, layer, surface, bottom, layers, rule):
-    heights, beliefs, spans = layers
+def _put(cell, layer, surface, layers, rule):
+    heights, beliefs, _ = layers
     at = _at(cell, layer, layers, rule)
     heights[at * _HEIGHTS + TOP], heights[at * _HEIGHTS + CANDIDATE] = surface[0], surface[2]
-    heights[at * _HEIGHTS + BOTTOM] = bottom
     beliefs[at * BELIEFS + BELIEF] = surface[1]
     beliefs[at * BELIEFS + CANDIDATE_BELIEF] = surface[3]
+
+
+@kernel
+def _store(cell, tile, layer, surface, bottom, layers, rule):
+    heights, _, spans = layers
+    _put(cell, layer, surface, layers, rule)
+    heights[_at(cell, layer, layers, rule) * _HEIGHTS + BOTTOM] = bottom
     low, high = bottom + TOP_BIAS, _highest(surface) + TOP_BIAS
     is_first = spans[2 * tile + 1] == 0
     spans[2 * tile] = low if is_first else min(np.int64(spans[2 * tile]), low)

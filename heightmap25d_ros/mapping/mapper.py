@@ -35,7 +35,7 @@ from heightmap25d_ros.mapping.level_update import (
     SURPLUS,
     hit_surface,
     is_in_the_way,
-    lift,
+    lost,
     miss_upper,
     update_span,
 )
@@ -140,10 +140,7 @@ class Mapper:
             grid.tile_changed.reshape(-1),
             grid.observed,
             grid.changed,
-            tuple(
-                array.reshape(-1)
-                for array in (grid.upper.heights, grid.upper.beliefs, grid.upper.tile_span)
-            ),
+            tuple(array.reshape(-1) for array in (*grid.upper.stored, grid.upper.tile_span)),
         )
         self._rule = tuple(rule)  # named ones cost numba three times as much, at each call
 
@@ -254,9 +251,11 @@ def _integrate(  # noqa: PLR0913
 
 @inlined_kernel
 def _may_be_clear(cell, z, rule):
-    """Whether the robot fits between a cell and a reading above it, or the cell's candidate."""
+    """Whether the robot fits between a cell and a reading, or the cell and its candidate."""
     height, probability, candidate_height, candidate = cell
-    is_far = z - height >= rule.clear or (candidate > 0 and candidate_height - z >= rule.clear)
+    is_far = abs(z - height) >= rule.clear or (
+        candidate > 0 and candidate_height - height >= rule.clear
+    )
     return probability >= rule.known and is_far
 
 
@@ -400,16 +399,13 @@ def _clear_tile(  # noqa: PLR0913
                 if is_in_upper:
                     is_lost |= miss_upper(cell, beam_height, entry, passed, layers, model, rule)
                 after = miss(before, beam_height, passed, model, rule)
-                if (
-                    after[1] < rule.known
-                    and _is_overhead(before, beam_height, sensor_z, rule)
-                    and lift(cell, tile, before, layers, rule)
-                ):
-                    after = before[0], np.int64(0), np.int64(0), np.int64(0)
+                if rule.layers > 0 and after[1] < rule.known <= before[1]:
+                    after = lost(cell, tile, before, after, beam_height, sensor_z, layers, rule)
+                    heights[cell] = after[0]
                 probabilities[cell] = after[1]
-                if before[3] != 0:
-                    candidates[cell] = after[3]
-                is_lost |= after[1] < rule.known <= before[1]
+                if before[3] != 0 or after[3] != 0:
+                    candidate_heights[cell], candidates[cell] = after[2], after[3]
+                is_lost |= after[1] < rule.known <= before[1] or after[0] != before[0]
         entered = left
         if exit_x < exit_y:
             index += x.step
@@ -424,20 +420,10 @@ def _clear_tile(  # noqa: PLR0913
 def _has_upper(cell, layers, rule):
     """Whether a cell has surfaces above the lowest one."""
     beliefs, found = layers[1], False
-    step = len(beliefs) // rule.layers
+    step = len(beliefs) // (rule.layers + 1)
     for layer in range(rule.layers):
         found |= beliefs[layer * step + np.int64(cell) * BELIEFS + BELIEF] >= rule.known
     return found
-
-
-@inlined_kernel
-def _is_overhead(cell, beam_height, sensor_z, rule):
-    """Whether the robot fits below a surface that a beam passed under, or that it rose to."""
-    beyond = cell[0] - beam_height
-    is_above = beyond >= rule.clear or (
-        beyond >= 2 * rule.tolerance and cell[0] - sensor_z >= rule.clear
-    )
-    return cell[1] >= rule.known and is_above
 
 
 @kernel

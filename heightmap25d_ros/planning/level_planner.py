@@ -20,7 +20,7 @@ from heightmap25d_ros.grid.height_map import Cell, HeightMap
 from heightmap25d_ros.params.sections import LevelsParams, PlannerParams, TraversabilityParams
 from heightmap25d_ros.planning.graph import TransitionGraph
 from heightmap25d_ros.planning.level_graph import LevelGraph, Place
-from heightmap25d_ros.planning.plan import Plan, Pose2D, as_pose, joined
+from heightmap25d_ros.planning.plan import Plan, Pose2D, Status, as_pose, joined
 from heightmap25d_ros.planning.planner import Planner, within_time
 from heightmap25d_ros.planning.refusals import no_path
 from heightmap25d_ros.planning.search import STRAIGHT, CostToGo, to_cell
@@ -93,10 +93,8 @@ class LevelPlanner:
     ) -> Plan:
         geometry = self.levels.stack.geometry
         first_cell, goal_cell = (to_cell(geometry.cell_at((p.x, p.y))) for p in (start, goal))
-        surface = self.levels.stack.surface_at(start.x, start.y, start.z)
-        layer = 0 if surface is None else surface[0]
         is_inside = bool(geometry.contains([first_cell, goal_cell]).all())
-        first = self.levels.holding((layer, *first_cell)).slice if is_inside else 0
+        first = self.levels.holding(self._surface(start, first_cell)).slice if is_inside else 0
         if len(self._planners) == 1 or not is_inside:
             return self._planners[first].plan(
                 start, goal, is_robot_there=is_robot_there, is_field_wanted=is_field_wanted
@@ -108,8 +106,7 @@ class LevelPlanner:
         graphs = list(self.levels.graphs)
         graphs[first] = cleared.graph
         refusal: Plan | None = None
-        for layer in self._layers_of(goal, goal_cell):
-            last = self.levels.holding((layer, *goal_cell))
+        for layer, last in self._ends(goal, goal_cell):
             fields = self.levels.cost_to_go(last, graphs, deadline)
             begin = _beginning(fields[first], cleared, first_cell)
             places = [] if begin is None else self.levels.route(fields, Place(first, begin))
@@ -122,16 +119,28 @@ class LevelPlanner:
                 if plan.found:  # ends near the goal
                     return plan
             refusal = refusal or self._with_level(plan, layer, goal_cell)
-        assert refusal is not None
-        return refusal
+        reason = "the goal is on unknown ground: another level alone is known there"
+        return refusal or Plan(status=Status.GOAL_OCCUPIED, reason=reason)
 
-    def _layers_of(self, goal: Pose2D, cell: Cell) -> list[int]:
-        """The layers on which a goal may be, those to be tried first first."""
-        layers = self.levels.stack.layers_at(cell) or [0]
+    def _ends(self, goal: Pose2D, cell: Cell) -> list[tuple[int, Place]]:
+        """The layers on which a goal may be, those to be tried first first, and its places there.
+
+        With a z it is on the level of the surface that is nearest to it, on which its own cell may
+        be unknown. Nowhere if that cell is known to be of another level.
+        """
         if goal.z is None:
-            return layers
-        surface = self.levels.stack.surface_at(goal.x, goal.y, goal.z)
-        return [layers[0] if surface is None or surface[0] not in layers else surface[0]]
+            layers = self.levels.stack.layers_at(cell) or [0]
+            return [(layer, self.levels.holding((layer, *cell))) for layer in layers]
+        surface = self._surface(goal, cell)
+        place = Place(self.levels.holding(surface).slice, cell)
+        layer = int(self.levels.layers[place.slice][cell])
+        z = self.levels.stack.z_of(surface)
+        is_level = layer < 0 or self.levels.stack.is_on_level((layer, *cell), z)
+        return [(surface[0], place)] if is_level else []
+
+    def _surface(self, pose: Pose2D, cell: Cell) -> tuple[int, int, int]:
+        """(layer, iy, ix) of the surface that is nearest to a pose."""
+        return self.levels.stack.surface_at(pose.x, pose.y, pose.z) or (0, *cell)
 
     def _along(
         self, places: Sequence[Place], start: Pose2D, goal: Pose2D, is_robot_there: bool

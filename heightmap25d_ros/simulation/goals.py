@@ -1,6 +1,11 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pairs of start and goal that the robot's footprint can or cannot connect on a true surface."""
+"""Pairs of start and goal that the robot's footprint can or cannot connect on a true surface.
+
+Both are certain: a goal is reachable if a disc around the robot that is wider by a cell gets there,
+and unreachable if its rectangle does not, whatever it does (see `footprint`). What is between the
+two depends on cells and margins, and is no goal.
+"""
 
 from __future__ import annotations
 
@@ -16,6 +21,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from heightmap25d_ros.arrays import Array
+from heightmap25d_ros.simulation import footprint
 
 RADIUS, MAX_STEP, MAX_SLOPE = 0.5, 0.10, 0.44
 """Radius of the disc that covers the robot [m]; limits of what it climbs [m], [rad]."""
@@ -25,6 +31,7 @@ WANTED = 20
 
 _CELL = 0.125
 _MARGIN = 0.125
+_THINNED = 2  # samples in a row of the surface, of which one counts for the rectangle
 _EVERYWHERE = np.ones((3, 3), bool)
 
 Mask = NDArray[np.bool_]
@@ -35,8 +42,7 @@ Cells = NDArray[np.int64]
 class Pairs:
     """Cells (N, 3) as (level, row, column) of starts and goals, and whether paths connect them.
 
-    A pair is reachable if a disc wider by a cell than the robot's has a path, unreachable if one
-    narrower by a cell has none; other pairs are discarded. ``observed``: cells that the lasers
+    ``observed``: cells that the lasers
     measured connect them; ``footprint_observed``: so do cells whose whole disc was measured.
     """
 
@@ -47,7 +53,9 @@ class Pairs:
     footprint_observed: Mask
 
 
-def choose(height: Array, seen: Mask, driven: Cells, z: Array, rng: np.random.Generator) -> Pairs:
+def choose(
+    height: Array, samples: Array, seen: Mask, driven: Cells, z: Array, rng: np.random.Generator
+) -> Pairs:
     """Draw pairs.
 
     Parameters
@@ -55,6 +63,8 @@ def choose(height: Array, seen: Mask, driven: Cells, z: Array, rng: np.random.Ge
     height : (levels, rows, columns) float64 [m]
         Of the ground, as a robot on each level has it around itself; infinite: closed. Where two
         levels have the same height in a cell, it is the same ground.
+    samples : (levels, rows * n, columns * n) float64 [m]
+        The same at n x n points in each cell, of which the cell is the highest.
     seen : (levels, rows, columns) bool
     driven : (N, 2) int64
         Cells of the robot's trajectory, from which starts are drawn.
@@ -62,23 +72,22 @@ def choose(height: Array, seen: Mask, driven: Cells, z: Array, rng: np.random.Ge
         The robot's height there.
     rng : numpy.random.Generator
     """
-    wide, exact, narrow = (_each(free, height, RADIUS + d) for d in (_MARGIN, 0.0, -_MARGIN))
+    wide, exact = (_each(free, height, RADIUS + d) for d in (_MARGIN, 0.0))
     off = np.abs(height[:, driven[:, 0], driven[:, 1]] - z)
     driven = np.column_stack([off.argmin(axis=0), driven])
     driven = driven[wide[tuple(driven.T)]]
     parts = _parts(wide, height)
     main = np.bincount(parts[tuple(driven.T)]).argmax()
     driven = driven[parts[tuple(driven.T)] == main]
-    loose = _parts(narrow, height)
+    stands, is_joined = _reached(height, samples, tuple(driven[0]))
     is_same = np.zeros_like(seen)
     is_same[1:] = height[1:] == height[:-1]  # the same ground counts once
-    is_joined = loose == loose[tuple(driven[0])]
     is_joined[:-1] |= is_same[1:] & is_joined[1:]  # beside an edge that it does not have above
     apart = seen & np.isfinite(height) & ~is_same & ~is_joined
     reachable = _drawn(np.argwhere(seen & ~is_same & (parts == main)), rng)
-    # Free cells first; cells beside and on obstacles if there are too few.
+    # Where the robot can stand first; cells beside and on obstacles if there are too few.
     unreachable = np.concatenate(
-        [_drawn(np.argwhere(apart & is_free), rng) for is_free in (narrow, ~narrow)]
+        [_drawn(np.argwhere(apart & is_free), rng) for is_free in (stands, ~stands)]
     )[:WANTED]
     goal = np.concatenate([reachable, unreachable])
     start = driven[rng.integers(0, len(driven), len(goal))]
@@ -93,6 +102,30 @@ def choose(height: Array, seen: Mask, driven: Cells, z: Array, rng: np.random.Ge
         is_reachable & _connected(seen_cells, start, goal),
         is_reachable & _connected(seen_discs, start, goal),
     )
+
+
+def _reached(height: Array, samples: Array, start: tuple[int, int, int]) -> tuple[Mask, Mask]:
+    """Cells in whose middle the robot can stand, and those of them that it reaches from a start."""
+    each = samples.shape[1] // height.shape[1]
+    faces = footprint.faces(samples, MAX_STEP)
+    is_near = _each(_near, footprint.by_cell(faces, each))
+    is_steep = _each(_steep, height) & ~is_near
+    sides = each // _THINNED
+    level, *cell = start
+    middle = np.s_[:, sides // 2 :: sides, sides // 2 :: sides]
+    found = footprint.reached(
+        samples[:, ::_THINNED, ::_THINNED],
+        footprint.by_cell(faces, _THINNED),
+        is_steep.repeat(sides, axis=1).repeat(sides, axis=2),
+        _CELL / sides,
+        (level, *(index * sides + sides // 2 for index in cell)),
+    )
+    return found[0][middle], found[1][middle]
+
+
+def _near(faces: Mask) -> Mask:
+    """Cells in whose disc the ground is not all that a plane would be laid through."""
+    return np.asarray(ndimage.distance_transform_edt(~faces) * _CELL <= RADIUS + _CELL)
 
 
 def _whole_discs(seen: Mask) -> Mask:
@@ -126,9 +159,12 @@ def free(height: Array, radius: float) -> Mask:
     height : (rows, columns) float64 [m]
     radius : float [m]
     """
-    return np.asarray(ndimage.distance_transform_edt(~_beside_steps(height)) * _CELL > radius) & (
-        _slope(height, RADIUS) <= tan(MAX_SLOPE)
-    )
+    is_far = np.asarray(ndimage.distance_transform_edt(~_beside_steps(height)) * _CELL > radius)
+    return is_far & ~_steep(height)
+
+
+def _steep(height: Array) -> Mask:
+    return np.asarray(_slope(height, RADIUS) > tan(MAX_SLOPE))
 
 
 def _beside_steps(height: Array) -> Mask:

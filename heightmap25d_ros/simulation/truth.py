@@ -91,7 +91,7 @@ class Surface:
         self.shape = (round((y1 - y0) / RESOLUTION), round((x1 - x0) / RESOLUTION))
         self._levels: Levels | None = None
         if world.has_decks:
-            _, ground, clearance = self.heights(0.0)
+            _, ground, clearance = self._by_cell(*self._samples(0.0))
             self._levels = Levels(ground, ground + clearance)
         self._seen = np.full(self.shape, -np.inf)
         # Returns from movers: they count if the mover is still there at the end.
@@ -116,7 +116,8 @@ class Surface:
         directory.mkdir(parents=True)
         self._merge_what_stayed(seconds)
         seen = np.where(np.isfinite(self._seen), self._seen, np.nan)
-        top, ground, clearance = self.heights(seconds)
+        sampled = self._samples(seconds)
+        top, ground, clearance = self._by_cell(*sampled)
         top = np.fmax(top, seen)
         np.savez_compressed(
             directory / "surface.npz",
@@ -133,10 +134,12 @@ class Surface:
         )
         rng, way = np.random.default_rng([seed, 7]), np.array(self._way)
         heights = np.where(clearance < HEIGHT, np.inf, ground)[None]
+        samples = np.where(sampled[2] < HEIGHT, np.inf, sampled[1])[None]
         seen_cells = np.isfinite(seen)[None]
         if self._levels is not None:
             heights, seen_cells = self._levels.drivable(top, HEIGHT), self._levels.is_seen
-        chosen = goals.choose(heights, seen_cells, self._cells(way), way[:, 2], rng)
+            samples = np.concatenate([samples, sampled[0][None]])
+        chosen = goals.choose(heights, samples, seen_cells, self._cells(way), way[:, 2], rng)
         np.savez_compressed(
             directory / "goals.npz",
             start=self._places(chosen.start, heights),
@@ -175,11 +178,11 @@ class Surface:
         middle = np.array(self.origin) + RESOLUTION * (cells[:, :0:-1] + 0.5)
         return np.column_stack([middle, heights[tuple(cells.T)]])
 
-    def heights(self, seconds: float) -> tuple[Array, Array, Array]:
+    def _samples(self, seconds: float) -> tuple[Array, Array, Array]:
         """Top, ground below overhead solids, and headroom above that ground [m].
 
-        The highest of 8 x 8 points of each cell, the outermost 1 mm within its border: exact for
-        boxes wider than 2 cm, and within 1 cm on slopes of up to 60 degrees.
+        Each (rows * 8, columns * 8): at 8 x 8 points of each cell, the outermost 1 mm within its
+        border.
         """
         scene = self._world.scene()
         scene.set_time(seconds)
@@ -192,6 +195,14 @@ class Surface:
         if any(solid.is_overhead for solid in self._world.solids):
             ground = scene.heights(points, with_overhead=False)
             clearance = scene.undersides(points, ground) - ground
+        shape = self.shape[0] * _SAMPLES, self.shape[1] * _SAMPLES
+        return top.reshape(shape), ground.reshape(shape), clearance.reshape(shape)
+
+    def _by_cell(self, top: Array, ground: Array, clearance: Array) -> tuple[Array, Array, Array]:
+        """The highest, the highest and the least of the samples of each cell.
+
+        Exact for boxes wider than 2 cm, and within 1 cm on slopes of up to 60 degrees.
+        """
         return (
             self._over(top, np.maximum),
             self._over(ground, np.maximum),

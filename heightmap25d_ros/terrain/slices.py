@@ -182,6 +182,9 @@ class SurfaceStack:
     def surface_at(self, x: float, y: float, z: float | None) -> tuple[int, int, int] | None:
         """(layer, iy, ix) of the surface that a pose is on or next to; None: none is near.
 
+        A surface of its own cell that is as far above or below it as another level counts as one
+        of the cells around: that of the pose may be unknown here.
+
         Parameters
         ----------
         x, y : float [m], map
@@ -189,7 +192,8 @@ class SurfaceStack:
             None: the lowest surface counts.
         """
         iy, ix = (int(index) for index in self.geometry.cell_at((x, y)))
-        for reach in (0, int(_SEARCH / self.geometry.resolution)):
+        widest = int(_SEARCH / self.geometry.resolution)
+        for reach in (0, widest):
             first_y, first_x = max(iy - reach, 0), max(ix - reach, 0)
             rows = np.s_[first_y : max(iy + reach + 1, 0)]
             columns = np.s_[first_x : max(ix + reach + 1, 0)]
@@ -197,8 +201,14 @@ class SurfaceStack:
             if (tops != UNOBSERVED).any():
                 middle = iy - first_y, ix - first_x
                 layer, row, column = _nearest(tops, middle, self.geometry, z)
-                return layer, row + first_y, column + first_x
+                found = layer, row + first_y, column + first_x
+                if reach == widest or z is None or self.is_on_level(found, z):
+                    return found
         return None
+
+    def is_on_level(self, surface: tuple[int, int, int], z: float) -> bool:
+        """Whether a surface (layer, iy, ix) is less than the clear height from a z [m], map."""
+        return abs(self.z_of(surface) - z) < self._clear * HEIGHT_RESOLUTION
 
     def z_of(self, surface: tuple[int, int, int]) -> float:
         """Height [m], map, of a surface (layer, iy, ix)."""

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The rules of cells with several surfaces again, as slowly and literally as they are written.
 
-A cell is the lowest surface, as in `literal_mapper`, and a list of decks above it.
+A cell is the lowest surface, as in `literal_mapper`, a list of decks above it, and what is hidden
+below it as long as it does not hang in the air.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ class Deck(Cell):
 class LiteralLevels(LiteralMap):
     levels: object = None
     decks: dict[tuple[int, int], list[Deck]] = field(default_factory=dict)
+    hidden: dict[tuple[int, int], Cell] = field(default_factory=dict)
     surplus: int = 0
 
     @property
@@ -100,11 +102,11 @@ class LiteralLevels(LiteralMap):
         before = Deck(lowest.height, lowest.probability, lowest.candidate, bottom=lowest.height)
         is_known = self.is_known(lowest.probability)
         self.weaken(lowest, beam_height, distance, is_known and lowest.height >= beam_height)
-        is_lost = is_known and not self.is_known(lowest.probability)
-        is_overhead = self.is_overhead(lowest.height, beam_height, sensor)
-        if is_lost and is_overhead and self.has_room(index):
-            decks.append(before)
-            self.cells[index] = Cell(lowest.height, 0.0)
+        if is_known and not self.is_known(lowest.probability):
+            hidden = self.hidden.pop(index, Cell())
+            if self.is_overhead(lowest.height, beam_height, sensor) and self.has_room(index):
+                decks.append(before)
+                self.cells[index] = hidden
 
     def is_overhead(self, height, beam_height, sensor) -> bool:
         if height - beam_height >= self.clear:
@@ -136,6 +138,8 @@ class LiteralLevels(LiteralMap):
                 surface.bottom = min(surface.bottom, z)
                 return
         elif is_ground and z < lowest.height - self.tolerance:
+            if lowest.height - z >= self.clear:
+                self.hit(self.hidden.setdefault(index, Cell()), z, distance)
             return
         else:
             surface = lowest

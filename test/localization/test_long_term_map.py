@@ -13,12 +13,13 @@ from landmark_worlds import beams_to, ground_returns, wall_returns
 from heightmap25d_ros import se3
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_grid import HeightGrid
-from heightmap25d_ros.grid.height_map import HeightMap
+from heightmap25d_ros.grid.height_map import Geometry, HeightMap
+from heightmap25d_ros.grid.levels import UpperSurfaces
 from heightmap25d_ros.io import layers_file, map_directory
 from heightmap25d_ros.localization import level_search
 from heightmap25d_ros.localization.global_search import Candidate, SearchResult
 from heightmap25d_ros.localization.hypotheses import Hypotheses
-from heightmap25d_ros.localization.layers import LocalizationLayers
+from heightmap25d_ros.localization.layers import NAMES, LayerMap, LocalizationLayers
 from heightmap25d_ros.localization.long_term_map import LongTermMap
 from heightmap25d_ros.localization.odometry_errors import unknown_errors
 from heightmap25d_ros.localization.registration import Reason, rejected
@@ -121,6 +122,34 @@ def test_hypotheses_on_two_levels_are_each_held_to_their_own():
         hypotheses.update(deck(rng, 400) - (0.0, 0.0, DECK), np.eye(4), long_term)
     assert len(hypotheses) == 1
     assert hypotheses.best.estimate.T_map_odom[2, 3] == pytest.approx(DECK, abs=0.05)
+
+
+@pytest.mark.parametrize("count", [100, 0])
+def test_a_parapet_whose_deck_was_not_seen_before_is_where_its_returns_are(count):
+    """Its returns are among those of the wall below; without any it is somewhere in its cells."""
+    shape = 16, 24
+    is_wall = np.zeros(shape, bool)
+    is_wall[:, 5] = True
+    cells = np.argwhere(np.ones(shape, bool))
+    top = np.where(is_wall, 280, 220)[tuple(cells.T)]
+    geometry = Geometry(resolution=0.125, origin=(0.0, 0.0), shape=shape)
+    height_map = replace(
+        HeightMap.from_metres(np.where(is_wall, 0.6, 0.0)),
+        geometry=geometry, upper=UpperSurfaces.of(cells, top, top),
+    )  # fmt: skip
+    arrays = dict.fromkeys(NAMES, np.zeros(shape, np.float32))
+    arrays["ground_count"] = np.full(shape, 9, np.float32)
+    arrays["elevated_count"] = np.where(is_wall, count, 0).astype(np.float32)
+    arrays["elevated_x"] = np.where(is_wall & (count > 0), 0.03, 0.0).astype(np.float32)
+    arrays["spread_yy"] = (arrays["elevated_count"] * 0.125**2 / 12).astype(np.float32)
+    long_term = LongTermMap.of(height_map, LayerMap(geometry=geometry, **arrays), PARAMS)
+    walls = long_term.at(at(2.0, 1.0, 2.2)).landmarks.walls
+    assert len(walls) == 16
+    if count:
+        np.testing.assert_allclose(walls[:, 0], 5.5 * 0.125 + 0.03, atol=1e-6)
+        np.testing.assert_allclose(np.abs(walls[:, 2]), 1.0, atol=1e-6)
+    else:
+        assert np.isnan(walls[:, 2]).all()
 
 
 def test_a_goal_pose_without_z_is_on_the_lowest_ground(long_term):

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from literal_levels import LiteralLevels
+from literal_mapper import Cell
 from properties import draws
 
 from heightmap25d_ros.grid.height_grid import TILE, HeightGrid
@@ -100,6 +101,9 @@ def test_equals_the_literal_rules_cell_by_cell(
         decks = sorted(literal.decks.get((iy, ix), []), key=lambda deck: deck.height)
         expected = [(*numbers(lowest), None), *((*numbers(deck), deck.bottom) for deck in decks)]
         assert contents(fast.grid, iy + middle, ix + middle) == expected
+        if max_surfaces > 1:
+            waiting = numbers(literal.hidden.get((iy, ix), Cell()))
+            assert hidden(fast.grid, iy + middle, ix + middle) == waiting
 
 
 def numbers(surface):
@@ -121,6 +125,14 @@ def contents(grid, iy, ix):
         if belief >= PROBABILITY_SCALE / 2:
             upper.append((top, belief, held if held_belief else 0, held_belief, bottom))
     return found + sorted(upper)
+
+
+def hidden(grid, iy, ix):
+    """(height, probability, candidate height and probability) below a cell's lowest surface."""
+    at = -1, iy // TILE, ix // TILE, iy % TILE, ix % TILE
+    (top, _, held), (belief, held_belief) = (array[at] for array in grid.upper.stored)
+    heights = (int(top) if belief else 0), int(held) if held_belief else 0
+    return heights[0], int(belief), heights[1], int(held_belief)
 
 
 def stored(probability):
@@ -168,7 +180,10 @@ def test_the_order_of_decks_makes_no_difference():
     pass_at(over_first, 0.4, times=8)
     assert surfaces(over_first) == [(241, 241)]
     see(over_first, *readings[:3])
-    assert surfaces(over_first) == [(None, 1), (241, 241)]
+    under_deck = mapper()
+    see(under_deck, *readings[3:], *readings[:3])
+    pass_at(under_deck, 0.4, times=8)
+    assert surfaces(over_first) == surfaces(under_deck) == [(None, 1), (241, 241)]
     assert surfaces(over_last) == [(None, 1), (240, 241)]
 
 
@@ -215,6 +230,39 @@ def test_nothing_is_below_the_lowest_known_surface():
     m = mapper()
     see(m, 2.4, 2.4, 0.0, 0.0)
     assert surfaces(m) == [(None, 240)]
+
+
+@pytest.mark.parametrize(("crate", "beam", "expected"), [
+    ((0.6, 0.6), 0.8, [(None, 60), (240, 240)]),
+    ((1.8, 1.8), 0.8, [(240, 240)]),
+])  # fmt: skip
+def test_what_was_seen_below_a_deck_is_there_when_the_deck_is_lifted(crate, beam, expected):
+    """The side of a crate; not what is of the deck's own side."""
+    m = mapper()
+    see(m, 2.4, 2.4, *crate)
+    assert surfaces(m) == [(None, 240)]
+    pass_at(m, beam, times=8)
+    assert surfaces(m) == expected
+    pass_at(m, 0.3, times=8)  # what it proves to be afterwards counts
+    assert surfaces(m) == [(240, 240)]
+
+
+def test_what_was_seen_below_a_surface_that_is_gone_is_forgotten():
+    m = mapper()
+    see(m, 2.4, 2.4, 0.6, 0.6)
+    pass_at(m, 2.3, times=8)
+    assert surfaces(m) == []
+    see(m, 2.4, 2.4)
+    pass_at(m, 0.8, times=8)
+    assert surfaces(m) == [(240, 240)]
+
+
+def test_a_map_that_is_written_has_nothing_hidden():
+    m = mapper()
+    see(m, 2.4, 2.4, 0.6, 0.6)
+    m.grid.write(m.grid.read())
+    pass_at(m, 0.8, times=8)
+    assert surfaces(m) == [(240, 240)]
 
 
 def test_what_stands_on_a_deck_raises_it_and_decays():

@@ -85,6 +85,44 @@ def test_a_goal_without_z_is_on_the_lowest_level_that_can_be_reached(planner):
     assert "on the lower level" in refused.reason
 
 
+@pytest.mark.parametrize(("seen", "z", "ends_at"), [
+    ([], 2.0, None),  # under the hole in the deck the ground is known, and is not the deck
+    ([], 0.0, 0.0),
+    ([(8, 8)], 2.0, 2.0),
+])  # fmt: skip
+def test_a_goal_with_a_z_is_on_that_level_or_nowhere(seen, z, ends_at):
+    """A deck with a hole of 0.6 m, over level ground."""
+    shape = 24, 32
+    is_hole = np.zeros(shape, bool)
+    is_hole[6:11, 6:11] = True
+    cells = np.argwhere(~is_hole)
+    if seen:
+        cells = np.argwhere(np.ones(shape, bool))
+    deck = UpperSurfaces.of(cells, [200] * len(cells), [200] * len(cells))
+    height_map = replace(HeightMap.from_metres(np.zeros(shape)), upper=deck)
+    x, y = height_map.geometry.cell_center((8, 8)).tolist()
+    plan = planner_over(height_map).plan(Pose2D(3.0, 2.0, z=z), Pose2D(x, y, z=z))
+    assert plan.found == (ends_at is not None)
+    if plan.found:
+        assert plan.poses[-1, 2, 3] == pytest.approx(ends_at, abs=0.01)
+    else:
+        assert plan.status == Status.GOAL_OCCUPIED
+        assert "another level" in plan.reason
+
+
+def test_a_goal_where_its_level_alone_is_unknown_may_be_in_a_gap_of_it():
+    """Beside the goal the ground is known, and in its cell only the deck above."""
+    known = np.zeros((24, 32))
+    known[8, 8] = np.nan
+    cells = np.argwhere(np.ones(known.shape, bool))
+    deck = UpperSurfaces.of(cells, [200] * len(cells), [200] * len(cells))
+    height_map = replace(HeightMap.from_metres(known), upper=deck)
+    x, y = height_map.geometry.cell_center((8, 8)).tolist()
+    plan = planner_over(height_map).plan(Pose2D(3.0, 2.0, z=0.0), Pose2D(x, y, z=0.0))
+    assert plan.found
+    assert plan.poses[-1, 2, 3] == pytest.approx(0.0, abs=0.01)
+
+
 def test_a_deck_without_a_ramp_cannot_be_reached():
     ground = HeightMap.from_metres(np.zeros((64, 64)))
     cells = np.argwhere(np.ones((64, 24), bool)) + (0, 20)

@@ -318,6 +318,11 @@ def test_seed_varies_the_world(name: str) -> None:
     assert (first.heights(points) != other.heights(points)).any()
 
 
+def sampled(height, each=8):
+    """Samples of a surface that is level in each of its cells."""
+    return height.repeat(each, axis=-2).repeat(each, axis=-1)
+
+
 def test_goals_beyond_a_wall_are_not_reachable() -> None:
     height = np.zeros((64, 96))
     height[:, 60:62] = 0.3
@@ -325,7 +330,9 @@ def test_goals_beyond_a_wall_are_not_reachable() -> None:
     seen[:, 30:33] = False
     driven = np.array([[32, column] for column in range(10, 20)])
     z = np.zeros(len(driven))
-    pairs = goals.choose(height[None], seen[None], driven, z, np.random.default_rng(0))
+    pairs = goals.choose(
+        height[None], sampled(height[None]), seen[None], driven, z, np.random.default_rng(0)
+    )
     assert not pairs.goal[:, 0].any()
     reachable, beyond = pairs.goal[pairs.reachable, 1:], pairs.goal[~pairs.reachable, 1:]
     assert len(reachable) == len(beyond) == goals.WANTED
@@ -342,7 +349,8 @@ def test_ground_of_both_levels_is_reachable_by_either_of_them():
     seen = np.ones((2, *lower.shape), bool)
     driven = np.array([[32, column] for column in range(10, 60)])
     z = upper[tuple(driven.T)]
-    pairs = goals.choose(np.stack([lower, upper]), seen, driven, z, np.random.default_rng(0))
+    levels = np.stack([lower, upper])
+    pairs = goals.choose(levels, sampled(levels), seen, driven, z, np.random.default_rng(0))
     level, _, column = pairs.goal[~pairs.reachable].T
     assert ((level == 0) & (column >= 60 - 1)).all()
 
