@@ -252,7 +252,7 @@ class OwnMapTracker:
 
     def covariances(self) -> list[Array]:
         """(3, 3) of x, y [m], yaw [rad] of the robot at each scan, seen from its first pose."""
-        starts = [self.graph.covariance(0, number)[:3, :3] for number in range(len(self.submaps))]
+        starts = self.graph.covariances(0, range(len(self.submaps)))[:, :3, :3]
         found = []
         for p in self.placed:
             submap = self.submaps[p.submap]

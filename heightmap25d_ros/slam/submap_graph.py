@@ -9,6 +9,7 @@ long as scans are held against it, each submap that begins on it is joined with 
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -16,11 +17,12 @@ import numpy as np
 from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.params.sections import Params
-from heightmap25d_ros.slam.drift import turned
+from heightmap25d_ros.slam.drift import carried, turned
 from heightmap25d_ros.slam.loop_closure import Found
 from heightmap25d_ros.slam.pose_graph import Edge, PoseGraph, between
 from heightmap25d_ros.slam.saved_map import SavedMap
 from heightmap25d_ros.slam.submaps import MappedCells, Submap
+from heightmap25d_ros.slam.trimming import needless
 
 _LEAST_EDGE = np.diag(np.square([0.01, 0.01, 0.002, 0.01]))  # covariance of a submap's length
 _Z_ON_MAP = 0.05  # [m] standard deviation of z on a saved map
@@ -93,6 +95,7 @@ class SubmapGraph:
         """
         before = self.submaps[-1].pose
         self.submaps[-1].finish()
+        self._trim()
         self._add(T_map_base)
         self._lengths.append(travelled)
         number = len(self.submaps) - 1
@@ -128,6 +131,20 @@ class SubmapGraph:
         self.submaps.append(submap)
         self.graph.add(submap.pose)
 
+    def _trim(self) -> None:
+        """Forget what the newest finished submap has made needless of older ones."""
+        slam = self._params.slam
+        low, high = self.submaps[-1].bounds()
+        around = [submap for submap in self.submaps if _meet(submap.bounds(), (low, high))]
+        dropped = needless(
+            [submap.squares() for submap in around],
+            [submap.T_map_submap for submap in around],
+            newest=math.ceil(slam.active_distance / slam.submap_length),
+        )
+        for submap, is_dropped in zip(around, dropped, strict=True):
+            if is_dropped.any():
+                submap.drop(is_dropped)
+
     def _choose(self) -> None:
         newest = len(self.submaps) - 1
         self._active = frozenset(self._reached(newest, self._params.slam.active_distance))
@@ -158,8 +175,11 @@ class SubmapGraph:
             if number not in self._active
             and (away := self._away(number, position[:2])) < slam.max_drift + slam.submap_length
         ]  # fmt: skip
-        for away, number in sorted(near):
-            covariance = self.graph.covariance(number, newest)
+        near.sort()
+        seen_back = self.graph.covariances(newest, [number for _, number in near])[:, :3, :3]
+        for (away, number), of_older in zip(near, seen_back, strict=True):
+            apart = self.submaps[newest].pose[:2] - self.submaps[number].pose[:2]
+            covariance = carried(of_older, apart)
             deviation = float(np.sqrt(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
             radius = _SIGMAS * deviation + _LEAST_RADIUS
             if away <= radius + slam.submap_length:
@@ -176,6 +196,8 @@ class SubmapGraph:
         if number == 0 and self._saved is not None:
             return self._saved.away(xy)
         submap = self.submaps[number]
+        if not len(submap.cells().places):
+            return np.inf
         low, high = submap.bounds()
         if np.linalg.norm(np.clip(xy, low, high) - xy) >= self._params.slam.max_drift:
             return np.inf
@@ -200,3 +222,8 @@ class SubmapGraph:
             submap.move_to(pose)
         self._choose()
         return np.asarray(newest.T_map_submap @ newest.start @ se3.inverse(before))
+
+
+def _meet(one: tuple[Array, Array], other: tuple[Array, Array]) -> bool:
+    """Whether two rectangles, lowest and highest x, y (2,) each, have something in common."""
+    return bool((one[0] <= other[1]).all() and (other[0] <= one[1]).all())

@@ -26,6 +26,7 @@ from heightmap25d_ros.mapping.sensor_model import Beams
 from heightmap25d_ros.params import sources
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.slam.sightings import Sightings
+from heightmap25d_ros.slam.trimming import is_in, squares_of
 
 _MARGIN = 4.0  # [m] of a submap's grid beyond what its lasers reach from its last pose
 
@@ -118,6 +119,7 @@ class Submap:
         self._sightings = Sightings(self._grid)
         self._cells: SubmapCells | None = None
         self._confirmed = np.empty((0, 2), np.int64)
+        self._squares: NDArray[np.int64] | None = None
 
     def integrate(self, beams: Beams, distance: float) -> None:
         """Take beams in, in the submap's frame, a distance [m] after the drive began."""
@@ -132,6 +134,24 @@ class Submap:
         self._confirmed = self.confirmed()
         del self._mapper, self._layers, self._sightings
         self._grid = None
+
+    def squares(self) -> NDArray[np.int64]:
+        """(K, 2): the squares, as of `trimming`, in which it has cells, when it is finished."""
+        if self._squares is None:
+            self._squares = squares_of(self._centres(self.cells().places))
+        return self._squares
+
+    def drop(self, is_dropped: NDArray[np.bool_]) -> None:
+        """Forget what is in some (K,) of the squares, when it is finished."""
+        dropped, cells = self.squares()[is_dropped], self.cells()
+        kept = ~is_in(self._centres(cells.places), dropped)
+        self._cells = SubmapCells(cells.places[kept], cells.layers[kept], cells.top[kept])
+        self._confirmed = self._confirmed[~is_in(self._centres(self._confirmed), dropped)]
+        self._squares = self.squares()[~is_dropped]
+
+    def _centres(self, places: NDArray[np.int64]) -> Array:
+        """x, y (N, 2) [m] of the centres of cells, in its own frame."""
+        return np.asarray((places[:, ::-1] + 0.5) * self._params.grid.resolution)
 
     def cells(self) -> SubmapCells:
         """What was seen so far."""

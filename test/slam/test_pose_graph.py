@@ -10,6 +10,7 @@ from properties import draws
 from scipy.optimize import least_squares
 
 from heightmap25d_ros import se3
+from heightmap25d_ros.slam.drift import carried
 from heightmap25d_ros.slam.pose_graph import KEPT, Edge, PoseGraph, between, compose
 
 POSES = st.tuples(
@@ -102,6 +103,18 @@ def test_covariance_of_a_chain_is_that_of_its_sum():
     # y: the turn at the first pose acts over 2 m, the one at the second over 1 m
     assert covariance[1, 1] == pytest.approx(3 / 100 + (2**2 + 1**2) / 1000)
     np.testing.assert_array_equal(graph.covariance(2, 2), np.zeros((4, 4)))
+
+
+def test_covariances_are_those_of_each_pose_and_the_same_from_either_end():
+    graph = square()
+    graph.join(Edge(0, 4, np.zeros(4), INFORMATION, is_loop=True))
+    graph.optimise()
+    from_last = graph.covariances(4, range(5))
+    np.testing.assert_allclose(from_last, [graph.covariance(4, k) for k in range(5)], rtol=1e-9)
+    for number in range(4):
+        apart = graph.poses[4, :2] - graph.poses[number, :2]
+        seen = graph.covariance(number, 4)[:3, :3]
+        np.testing.assert_allclose(carried(from_last[number, :3, :3], apart), seen, rtol=1e-6)
 
 
 def test_distances_are_along_edges_and_loops():

@@ -9,9 +9,12 @@ from heightmap25d_ros import se3
 from heightmap25d_ros.localization.landmarks import landmarks_of
 from heightmap25d_ros.localization.layers import NAMES
 from heightmap25d_ros.mapping.sensor_model import Beams
+from heightmap25d_ros.params.by_name import with_values
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.slam.own_map import landmarks_around, surroundings
+from heightmap25d_ros.slam.submap_graph import SubmapGraph
 from heightmap25d_ros.slam.submaps import Submap
+from heightmap25d_ros.slam.trimming import needless
 
 PARAMS = Params()
 
@@ -141,3 +144,43 @@ def test_level_lasers_alone_hold_on_to_what_they_have_just_seen():
     walls = landmarks_around([submap], np.zeros(3), 4.0, PARAMS.grid.resolution).walls
     np.testing.assert_array_equal(walls, landmarks_of(height_map, layers).walls)
     assert np.count_nonzero(~np.isnan(walls[:, 2])) >= 30
+
+
+def test_memory_of_one_place_is_that_of_its_first_and_its_newest_submaps():
+    params = with_values(PARAMS, {"slam.active_distance": 8.0, "slam.submap_length": 4.0})
+    graph = SubmapGraph(params)
+    graph.begin(np.eye(4), np.zeros((3, 3)))
+    parts, held = world(np.random.default_rng(5)), []
+    for _ in range(7):
+        for part in parts:
+            graph.submaps[-1].integrate(beams_of(part), 0.0)
+        graph.follow(np.eye(4), np.eye(4) * 1e-4, 4.0)
+        held.append(sum(len(submap.cells().places) for submap in graph.submaps[:-1]))
+    assert held[2] == 3 * held[0]
+    np.testing.assert_array_equal(held[3:], np.full(4, held[2]))
+    counts = [len(submap.cells().places) for submap in graph.submaps]
+    assert [number for number, count in enumerate(counts) if count] == [0, 5, 6]
+    assert not any(len(submap.confirmed()) for submap in graph.submaps[1:5])
+
+
+def test_what_only_an_old_submap_has_seen_stays():
+    submap = submap_of(world(np.random.default_rng(6)))
+    before, squares = submap.cells(), submap.squares()
+    is_dropped = squares[:, 0] < 1  # west of x = 1 m
+    submap.drop(is_dropped)
+    after = submap.cells()
+    is_east = before.places[:, 1] * PARAMS.grid.resolution >= 1.0 - 1e-9
+    np.testing.assert_array_equal(after.places, before.places[is_east])
+    np.testing.assert_array_equal(after.layers, before.layers[is_east])
+    np.testing.assert_array_equal(submap.squares(), squares[~is_dropped])
+    submap.drop(np.ones(len(submap.squares()), bool))
+    assert len(submap.cells().places) == 0
+    assert len(submap.squares()) == 0
+
+
+def test_submaps_are_needless_where_they_are_now():
+    square = np.array([[0, 0]])
+    away = se3.from_xyz_rpy([5.0, 0.0, 0.0, 0.0, 0.0, np.pi / 2])
+    poses = [np.eye(4), np.eye(4), away, np.eye(4), np.eye(4)]
+    dropped = needless([square] * 5, poses, newest=2)
+    assert [bool(part[0]) for part in dropped] == [False, True, False, False, False]
