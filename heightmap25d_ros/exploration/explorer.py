@@ -36,9 +36,6 @@ GIVEN_UP_RADIUS = 0.6
 OPENING = 0.25
 """Of ``min_gain``: so much of a way to new ground must a place show, to be worth the way."""
 
-DOUBTED = 3.0
-"""Times ``min_gain``: so much must a place show where some of it was looked for in vain before."""
-
 LEDGE = 3.0
 """Known cells that are higher than the ground beside them by so many steps are no ground."""
 
@@ -107,17 +104,17 @@ class Explorer:
     def choose(self, survey: Survey) -> Choice:
         """Where to go first, of the places that show at least ``min_gain``.
 
-        What was looked for in vain may be seen from elsewhere. Where nothing else is left, it is
-        looked for again if it is `DOUBTED` times as much; and then what opens ways to that much new
-        ground.
+        Where there is none, what was looked for in vain, and may be seen from elsewhere, counts as
+        well for places that are as near as the robot sees. Then what opens ways to ``min_gain`` of
+        new ground.
         """
         least = self._params.exploration.min_gain
         choice = self._best(_with_slices([s.restricted(s.fresh) for s in survey.slices]), least)
         if choice.goal is None:
-            choice = self._best(survey, DOUBTED * least)
+            choice = self._best(survey, least, farthest=self._params.exploration.sight)
         if choice.goal is not None:
             return choice
-        opened = [part.restricted(self._openings(part)) for part in survey.slices]
+        opened = [part.restricted(part.fresh & self._openings(part)) for part in survey.slices]
         if not any(part.scenery.wanted.any() for part in opened):
             return choice
         return self._best(_with_slices(opened), OPENING * least)
@@ -149,10 +146,13 @@ class Explorer:
         climbed = math.tan(terrain.max_slope) * survey.geometry.resolution * away
         return np.asarray(survey.scenery.known & (rise > LEDGE * terrain.max_step + climbed))
 
-    def _best(self, survey: Survey, least: float) -> Choice:
-        """The first place of a tour of those, in all slices, that show at least so much [m^2]."""
+    def _best(self, survey: Survey, least: float, farthest: float = math.inf) -> Choice:
+        """The first place of a tour of those, in all slices, that show at least so much [m^2].
+
+        Those to which the way costs more than a length [m] are left out.
+        """
         slices = [self._candidates(part) for part in survey.slices]
-        stops = best_stops(slices, least, MOST)
+        stops = [s for s in best_stops(slices, least, MOST) if s.cost <= farthest]
         counted = [~np.isnan(part.gain) for part in slices]
         compared = list(zip(slices, counted, strict=True))
         places = np.concatenate(

@@ -42,7 +42,7 @@ class Survey:
     counted : (rows, columns) bool
         Cells whose surface no slice before this one holds.
     fresh : (rows, columns) bool
-        Cells that were never looked for in vain.
+        Of what is wanted, what is not, nor lies behind, what was looked for in vain.
     others : tuple of Survey
         Of the other slices.
     """

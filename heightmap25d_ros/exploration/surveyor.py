@@ -117,10 +117,12 @@ class Surveyor:
         looks = self._looks.of(geometry, edges.height)
         allowed = edges.beyond & self.inside(geometry) & (looks < own.looks)
         costs = np.where(edges.deck, survey.costs, np.inf)
-        wanted = self._wanted(known, survey.occupied & ~edges.rim, costs, allowed, geometry)
+        closed = survey.occupied & ~edges.rim
+        wanted = self._wanted(known, closed, costs, allowed, geometry)
+        fresh = self._wanted(known, closed, costs, allowed & (looks == 0), geometry)
         scenery = replace(survey.scenery, height=edges.height, known=known, wanted=wanted)
         nothing = np.zeros(known.shape, np.bool_)
-        return replace(survey, costs=costs, scenery=scenery, counted=nothing, fresh=looks == 0)
+        return replace(survey, costs=costs, scenery=scenery, counted=nothing, fresh=fresh)
 
     def _offered(
         self,
@@ -153,7 +155,7 @@ class Surveyor:
             scenery=scenery,
             occupied=graph.occupied.copy(),
             counted=np.ones(geometry.shape, np.bool_),
-            fresh=looks == 0,
+            fresh=self._wanted(known, graph.occupied, costs, allowed & (looks == 0), geometry),
         )
 
     def _wanted(
