@@ -11,6 +11,7 @@ below drop-offs or behind glass, is not wanted any more, so that the exploration
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,6 +35,9 @@ GIVEN_UP_RADIUS = 0.6
 
 OPENING = 0.25
 """Of ``min_gain``: so much of a way to new ground must a place show, to be worth the way."""
+
+DOUBTED = 3.0
+"""Times ``min_gain``: so much must a place show where some of it was looked for in vain before."""
 
 LEDGE = 3.0
 """Known cells that are higher than the ground beside them by so many steps are no ground."""
@@ -103,16 +107,20 @@ class Explorer:
     def choose(self, survey: Survey) -> Choice:
         """Where to go first, of the places that show at least ``min_gain``.
 
-        Where there is none, of those from which ways to that much new ground are seen.
+        What was looked for in vain may be seen from elsewhere. Where nothing else is left, it is
+        looked for again if it is `DOUBTED` times as much; and then what opens ways to that much new
+        ground.
         """
-        own = self._params.exploration
-        choice = self._best(survey, own.min_gain)
+        least = self._params.exploration.min_gain
+        choice = self._best(_with_slices([s.restricted(s.fresh) for s in survey.slices]), least)
+        if choice.goal is None:
+            choice = self._best(survey, DOUBTED * least)
         if choice.goal is not None:
             return choice
         opened = [part.restricted(self._openings(part)) for part in survey.slices]
         if not any(part.scenery.wanted.any() for part in opened):
             return choice
-        return self._best(replace(opened[0], others=tuple(opened[1:])), OPENING * own.min_gain)
+        return self._best(_with_slices(opened), OPENING * least)
 
     def _openings(self, survey: Survey) -> NDArray[np.bool_]:
         """Where the robot might come to ``min_gain`` of new ground."""
@@ -187,3 +195,7 @@ class Explorer:
             is_same = not survey.others or place.z is None or np.abs(z - place.z) < LEVEL
             result |= is_near & is_same
         return result
+
+
+def _with_slices(slices: Sequence[Survey]) -> Survey:
+    return replace(slices[0], others=tuple(slices[1:]))

@@ -41,6 +41,8 @@ class Survey:
     occupied : (rows, columns) bool
     counted : (rows, columns) bool
         Cells whose surface no slice before this one holds.
+    fresh : (rows, columns) bool
+        Cells that were never looked for in vain.
     others : tuple of Survey
         Of the other slices.
     """
@@ -51,6 +53,7 @@ class Survey:
     scenery: Scenery
     occupied: NDArray[np.bool_]
     counted: NDArray[np.bool_]
+    fresh: NDArray[np.bool_]
     others: tuple[Survey, ...] = ()
 
     @property

@@ -114,13 +114,13 @@ class Surveyor:
         if edges is None:
             return None
         known = survey.scenery.known & ~edges.beyond
-        allowed = edges.beyond & self.inside(geometry)
-        allowed &= self._looks.of(geometry, edges.height) < own.looks
+        looks = self._looks.of(geometry, edges.height)
+        allowed = edges.beyond & self.inside(geometry) & (looks < own.looks)
         costs = np.where(edges.deck, survey.costs, np.inf)
         wanted = self._wanted(known, survey.occupied & ~edges.rim, costs, allowed, geometry)
         scenery = replace(survey.scenery, height=edges.height, known=known, wanted=wanted)
         nothing = np.zeros(known.shape, np.bool_)
-        return replace(survey, costs=costs, scenery=scenery, counted=nothing)
+        return replace(survey, costs=costs, scenery=scenery, counted=nothing, fresh=looks == 0)
 
     def _offered(
         self,
@@ -153,6 +153,7 @@ class Surveyor:
             scenery=scenery,
             occupied=graph.occupied.copy(),
             counted=np.ones(geometry.shape, np.bool_),
+            fresh=looks == 0,
         )
 
     def _wanted(

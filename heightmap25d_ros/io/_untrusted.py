@@ -4,8 +4,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import zipfile
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 from heightmap25d_ros.errors import InputError, printable
 
@@ -24,3 +26,18 @@ def as_input_error(what: str) -> Iterator[None]:
     except Exception as error:  # zipfile and numpy raise a dozen types on damaged bytes
         reason = printable(" ".join(str(error).split()) or type(error).__name__, _LONGEST)
         raise InputError(f"{what}: is damaged, or another kind of file: {reason}") from None
+
+
+def require_only(archive: zipfile.ZipFile, path: Path, names: Iterable[str]) -> None:
+    """An archive of arrays holds no others: one whose name is damaged must not seem to be absent.
+
+    Raises
+    ------
+    InputError
+        That names one which is none of these.
+    """
+    known = {f"{name}.npy" for name in names}
+    for entry in archive.namelist():
+        if entry not in known:
+            found = printable(repr(entry.removesuffix(".npy")), _LONGEST)
+            raise InputError(f"{path}: {found} is no array of this format_version")

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from heightmap25d_ros.errors import InputError
 from heightmap25d_ros.grid.height_map import Geometry, HeightMap
 from heightmap25d_ros.input_files import require_file
-from heightmap25d_ros.io._untrusted import as_input_error
+from heightmap25d_ros.io._untrusted import as_input_error, require_only
 from heightmap25d_ros.localization.layers import NAMES, LayerMap
 
 LAYERS = "localization_layers.npz"
@@ -29,6 +29,9 @@ WITH_LEVELS = 2
 
 MOST_LEVELS = 15
 """Above the lowest one."""
+_MOST_RETURNS = 1e9  # of a cell: a century of them
+_HIGHEST = 1000.0  # [m] above ground zero: a map stores a third of it
+_ROUNDING = 1e-4  # of single precision, over many returns
 _DIGEST = 64  # hexadecimal digits of SHA-256
 
 
@@ -47,6 +50,13 @@ def write(path: Path, layers: LayerMap, height_grid: Path) -> None:
         format_version=np.int64(WITH_LEVELS if layers.above else FORMAT_VERSION),
         **arrays,
     )
+
+
+def _names(version: int, above: int) -> list[str]:
+    """Of all arrays of a file."""
+    arrays = [_name(name, level) for level in range(1 + above) for name in NAMES]
+    levels = ["above"] if version == WITH_LEVELS else []
+    return ["format_version", "height_grid_sha256", *levels, *arrays]
 
 
 def _name(name: str, level: int) -> str:
@@ -85,6 +95,7 @@ def load(directory: Path, height_map: HeightMap) -> LayerMap | None:
         above = int(_read(archive, path, "above", "iu", ())) if version == WITH_LEVELS else 0
         if not 0 <= above <= MOST_LEVELS:
             raise InputError(f"{path}: above is {above}, not 0 .. {MOST_LEVELS}")
+        require_only(archive, path, _names(version, above))
         lowest, *upper = (
             _checked(
                 path,
@@ -115,19 +126,35 @@ def checked(geometry: Geometry, dense: dict[str, NDArray[Any]]) -> LayerMap:
     InputError
         If one holds what no layer does; it begins with the name of that layer.
     """
-    limit = 0.5 * geometry.resolution * (1.0 + 1e-5)
     for name, values in dense.items():
         if not np.isfinite(values).all():
             raise InputError(f"{name}: holds values that are not finite")
         if name.endswith(("_count", "_scatter", "_xx", "_yy")) and values.min(initial=0.0) < 0.0:
             raise InputError(f"{name}: holds negative values")
-        if name.endswith(("_x", "_y")) and np.abs(values).max(initial=0.0) > limit:
-            raise InputError(f"{name}: holds places outside of their cells")
+    for name, limit in _limits(geometry, dense).items():
+        if (np.abs(dense[name]) > limit * (1.0 + _ROUNDING)).any():
+            raise InputError(f"{name}: holds values that no returns of a cell have")
     return LayerMap(
         geometry=geometry,
         above=(),
         **{name: values.astype(np.float32) for name, values in dense.items()},
     )
+
+
+def _limits(geometry: Geometry, dense: dict[str, NDArray[Any]]) -> dict[str, Any]:
+    """The largest magnitudes of layers: places lie in their cells, heights in those of a map."""
+    side, height = geometry.resolution, abs(geometry.ground_zero) + _HIGHEST
+    grounds, places = (
+        np.maximum(count.astype(np.float64), 1.0)
+        for count in (dense["ground_count"], dense["ground_count"] + dense["elevated_count"])
+    )
+    return {
+        **dict.fromkeys(("ground_count", "level_count", "elevated_count"), _MOST_RETURNS),
+        "ground_height": height,
+        "ground_scatter": grounds * (2.0 * height) ** 2,
+        **dict.fromkeys(("ground_x", "ground_y", "elevated_x", "elevated_y"), 0.5 * side),
+        **dict.fromkeys(("spread_xx", "spread_xy", "spread_yy"), places * side**2),
+    }
 
 
 def _read(

@@ -33,7 +33,7 @@ from heightmap25d_ros.grid.height_map import (
 from heightmap25d_ros.grid.levels import NO_UPPER, UpperSurfaces
 from heightmap25d_ros.input_files import require_file
 from heightmap25d_ros.io import atomic_directory, layers_file
-from heightmap25d_ros.io._untrusted import as_input_error
+from heightmap25d_ros.io._untrusted import as_input_error, require_only
 from heightmap25d_ros.io.decode import frame_name
 from heightmap25d_ros.io.trajectory import write_tum
 from heightmap25d_ros.localization.layers import LayerMap
@@ -227,6 +227,7 @@ def load(directory: Path | str, probability_threshold: float = PROBABILITY_THRES
                 f"{FORMAT_VERSION_LEVELS}"
             )
         names = [name for name in _FIELDS if _SINCE.get(name, FORMAT_VERSION) <= version]
+        require_only(archive, path, names)
         for name in ("suspected", "level_lasers"):
             if f"{name}.npy" not in archive.namelist():
                 names.remove(name)

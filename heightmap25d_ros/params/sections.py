@@ -758,7 +758,7 @@ class ExplorationParams(Section):
         0.3, "a goal is given up when less than this share of its gain is left", low=0.0, high=1.0
     )
     looks: int = parameter(
-        1, "a cell that was looked for so often without being seen is not wanted any more; looks "
+        2, "a cell that was looked for so often without being seen is not wanted any more; looks "
         "from within 3 m count twice", low=1, high=100,
     )  # fmt: skip
     stuck_timeout: float = parameter(

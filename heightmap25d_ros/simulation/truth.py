@@ -91,7 +91,7 @@ class Surface:
         self.shape = (round((y1 - y0) / RESOLUTION), round((x1 - x0) / RESOLUTION))
         self._levels: Levels | None = None
         if world.has_decks:
-            _, ground, clearance = self._by_cell(*self._samples(0.0))
+            _, ground, clearance = self.heights(0.0)
             self._levels = Levels(ground, ground + clearance)
         self._seen = np.full(self.shape, -np.inf)
         # Returns from movers: they count if the mover is still there at the end.
@@ -110,6 +110,10 @@ class Surface:
             moving = counts & (scan.mover >= 0)
             if moving.any():
                 self._met.append((scan.ends[moving], scan.mover[moving], scan.start))
+
+    def heights(self, seconds: float) -> tuple[Array, Array, Array]:
+        """Top, ground below overhead solids, and headroom above it: (rows, columns) [m]."""
+        return self._by_cell(*self._samples(seconds))
 
     def write(self, directory: Path, seed: int, seconds: float) -> None:
         """Write ``surface.npz`` and ``goals.npz``; the world as it is at the end [s]."""

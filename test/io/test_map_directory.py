@@ -305,6 +305,8 @@ def rewritten(directory: Path, **changes: Any) -> None:
         ({"frame_id": np.array("")}, "frame_id is empty"),
         ({"frame_id": np.array("m" * 1000)}, "frame_id is too long"),
         ({"frame_id": np.array(b"map")}, "frame_id is an array"),
+        ({"su\u2590pected": np.ones((2, 3), bool)}, "'su\u2590pected' is no array of this"),
+        ({"upper_top": np.zeros(0, np.int16)}, "'upper_top' is no array of this format_version"),
     ],
 )
 def test_fields_that_are_not_a_maps(tmp_path: Path, changes: dict[str, Any], reason: str) -> None:

@@ -128,6 +128,12 @@ def test_layers_of_another_height_grid_are_not_used(saved):
         ("ground_height", np.zeros((3, 3), np.float32)),
         ("elevated_x", "wide"),
         ("ground_count", None),
+        ("ground_count_1", np.zeros((3, 3), np.float32)),
+        ("spread_xy", 3e38),
+        ("spread_xx", 0.1),
+        ("ground_scatter", 1e30),
+        ("ground_height", -1e20),
+        ("elevated_count", 1e30),
     ],
 )
 def test_a_damaged_file_is_refused(saved, name, value):
@@ -137,6 +143,8 @@ def test_a_damaged_file_is_refused(saved, name, value):
         fields = dict(archive)
     if value is None:
         del fields[name]
+    elif isinstance(value, float):
+        fields[name][0, 0] = value
     else:
         fields[name] = fields[name] + np.float32(0.2) if isinstance(value, str) else value
     np.savez_compressed(file, **fields)

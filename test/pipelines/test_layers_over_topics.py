@@ -24,7 +24,7 @@ def layers_of(seed: int) -> LayerMap:
     """Layers of a third of the cells."""
     rng = np.random.default_rng(seed)
     is_seen = rng.random(SHAPE) < 0.3
-    dense = {name: np.where(is_seen, rng.uniform(0.01, 0.06, SHAPE), 0.0) for name in NAMES}
+    dense = {name: np.where(is_seen, rng.uniform(0.001, 0.015, SHAPE), 0.0) for name in NAMES}
     return LayerMap(
         geometry=FLAT.geometry, **{name: np.float32(layer) for name, layer in dense.items()}
     )
@@ -87,7 +87,7 @@ def test_in_either_order_they_are_one_map_if_they_are_of_one_stamp(monkeypatch, 
         ({"cell": [10**6] * len(layers_message().cell)}, "cell: 1000000 is not one of 20 x 12"),
         ({"level": [99] * len(layers_message().cell)}, "level: 99 is not 0 .. 15"),
         ({"spread_xx": [np.nan] * len(layers_message().cell)}, "spread_xx: holds values that are"),
-        ({"elevated_y": [0.2] * len(layers_message().cell)}, "elevated_y: holds places outside"),
+        ({"elevated_y": [0.2] * len(layers_message().cell)}, "elevated_y: holds values that no"),
         ({"ground_count": [-1.0] * len(layers_message().cell)}, "ground_count: holds negative"),
     ],
 )
