@@ -69,10 +69,13 @@ def _measured(node: Node, pid: int) -> dict[str, float]:
         scanned[message.header.stamp.sec, message.header.stamp.nanosec] = time.perf_counter()
 
     def on_status(message: LocalizationStatus) -> None:
-        states.append(message.state)
+        """The first one of a stamp tells of a registration; statuses are repeated."""
         stamp = message.header.stamp.sec, message.header.stamp.nanosec
-        if stamp in scanned:
-            latency.append(1e3 * (time.perf_counter() - scanned[stamp]))
+        came = scanned.pop(stamp, None)
+        if came is not None:
+            latency.append(1e3 * (time.perf_counter() - came))
+        if came is not None or not states:
+            states.append(message.state)
 
     for topic in SCANS:
         node.create_subscription(LaserScan, topic, on_scan, qos_profile_sensor_data)
@@ -83,7 +86,7 @@ def _measured(node: Node, pid: int) -> dict[str, float]:
     replay = subprocess.Popen(
         [sys.executable, "-m", "heightmap25d_ros.nodes.replay", BAG], stdout=subprocess.DEVNULL
     )
-    while not scanned:
+    while not scanned and not latency:
         _spin(node, end)
     began, cpu = time.monotonic(), cpu_seconds(pid)
     while replay.poll() is None:

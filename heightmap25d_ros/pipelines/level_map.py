@@ -15,8 +15,8 @@ from heightmap25d_ros.grid.map_changes import with_part
 from heightmap25d_ros.io import decode
 from heightmap25d_ros.pipelines.drops import Drops
 
-_MOST_EARLY = 100
-"""Updates that wait for their map."""
+_MOST_EARLY = 4_000_000
+"""Cells of updates that wait for their map."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,12 +73,18 @@ class LevelMap:
         if found is None:
             return None
         if found.loaded > self._loaded:
-            same = [update for update in self._early if update.loaded == found.loaded]
-            self._early = [*same, found][-_MOST_EARLY:]
+            self._wait(found)
         if self._lowest is None or found.loaded != self._loaded:
             return None
         before, self._lowest = self._lowest, self._updated(self._lowest, found)
         return None if self._lowest is before else self._joined(self._lowest)
+
+    def _wait(self, update: _Lowest) -> None:
+        """Keep an update until its map comes, in place of those of other maps."""
+        same = [early for early in self._early if early.loaded == update.loaded]
+        self._early = [*same, update]
+        while sum(early.height_map.height.size for early in self._early) > _MOST_EARLY:
+            del self._early[0]
 
     def _decoded(self, message: Any) -> _Lowest:
         height_map = decode.height_map(message, self._frame_id)

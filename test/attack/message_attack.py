@@ -42,6 +42,7 @@ OTHERS = {
     "goal_pose": "geometry_msgs/msg/PoseStamped",
     "localization/status": "heightmap25d_msgs/msg/LocalizationStatus",
     "height_grid": "heightmap25d_msgs/msg/HeightGrid",
+    "height_grid_updates": "heightmap25d_msgs/msg/HeightGrid",
     "upper_surfaces": "heightmap25d_msgs/msg/UpperSurfaces",
     CLOUDS: "sensor_msgs/msg/PointCloud2",
 }
@@ -52,7 +53,7 @@ COPIES = 6.0
 
 OTHER_SHARES = {
     "pose_correction": 0.5, "localization/status": 0.5, "goal_pose": 0.1, "initialpose": 0.03,
-    "height_grid": 0.03, "upper_surfaces": 0.03, CLOUDS: 0.2,
+    "height_grid": 0.03, "height_grid_updates": 0.03, "upper_surfaces": 0.03, CLOUDS: 0.2,
 }  # fmt: skip
 """How often a mutated message of another topic follows one of the drive; some take long to use."""
 
@@ -83,7 +84,7 @@ def sound_map() -> Any:
 
 def sound(topic: str, stamp_ns: int) -> Any:
     """A message of `OTHERS` that says that all is well."""
-    if topic == "height_grid":
+    if topic in ("height_grid", "height_grid_updates"):
         return sound_map()
     learn_messages()
     message = default(OTHERS[topic])
@@ -244,16 +245,16 @@ def _feed_localizer(localizer: Localizer, topic: str, message: Any) -> list[Atte
 
 
 def _feed_planning(planning: Planning, topic: str, message: Any) -> Plan | None:
-    if topic == "goal_pose":
-        return planning.take_goal(message)
-    if topic == "height_grid":
-        return planning.take_map(message)
-    if topic == "upper_surfaces":
-        return planning.take_upper_surfaces(message)
-    if topic == "/odom":
-        return planning.take_odometry(message)
-    if topic == "pose_correction":
-        planning.take_correction(message)
-    elif topic in ("/tf", "/tf_static"):
+    takes = {
+        "goal_pose": planning.take_goal,
+        "height_grid": planning.take_map,
+        "height_grid_updates": planning.take_map_update,
+        "upper_surfaces": planning.take_upper_surfaces,
+        "/odom": planning.take_odometry,
+        "pose_correction": planning.take_correction,
+    }
+    if topic in takes:
+        return takes[topic](message)
+    if topic in ("/tf", "/tf_static"):
         return planning.take_transforms(message, is_static=topic == "/tf_static")
     return None
