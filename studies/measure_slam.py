@@ -175,7 +175,8 @@ def wrong_loops(bags: Path, seeds: Sequence[int]) -> Iterator[str]:
 
 def loop_errors(tracker: OwnMapTracker, true: Poses) -> list[float]:
     """How far off each loop's measurement is [m]."""
-    starts = np.zeros(len(tracker.submaps), np.int64)
+    # The last submap was begun after the last scan.
+    starts = np.full(len(tracker.submaps), tracker.placed[-1].stamp_ns)
     for placed in reversed(tracker.placed):
         starts[placed.submap] = placed.stamp_ns
     poses = interpolate(*true, np.clip(starts, true[0][0], true[0][-1]))
