@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 import signal
 import subprocess
 import sys
@@ -22,6 +23,7 @@ from sensor_msgs.msg import PointCloud2
 from heightmap25d_msgs.msg import HeightGrid, LocalizationLayers, UpperSurfaces
 
 PATIENCE = 240.0
+ASKED_AGAIN = 30.0  # [s] after which a service that has not answered is asked again
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 MAPS = {
     "height_grid": HeightGrid,
@@ -77,12 +79,21 @@ class Client:
             self._executor.spin_once(timeout_sec=0.05)
 
     def call(self, service: str, kind: Any, **request: Any) -> Any:
+        """The answer of a service, which is asked again where one gets lost.
+
+        On a busy machine a node may answer before it has found who asks.
+        """
         client = self.node.create_client(kind, service)
         assert client.wait_for_service(timeout_sec=PATIENCE), service
-        future = client.call_async(kind.Request(**request))
-        self.wait(future.done)
+        end, asked_at, asked = time.monotonic() + PATIENCE, -math.inf, []
+        while not (answered := [future for future in asked if future.done()]):
+            assert time.monotonic() < end, f"{service} does not answer"
+            if time.monotonic() > asked_at + ASKED_AGAIN:
+                asked_at = time.monotonic()
+                asked.append(client.call_async(kind.Request(**request)))
+            self._executor.spin_once(timeout_sec=0.05)
         self.node.destroy_client(client)
-        return future.result()
+        return answered[0].result()
 
 
 def start(module: str, *arguments: str, **options: Any) -> subprocess.Popen[str]:
