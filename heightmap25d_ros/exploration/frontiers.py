@@ -29,22 +29,33 @@ _RIM = 3
 Mask = NDArray[np.bool_]
 
 
-def wanted(
-    known: Mask, occupied: Mask, reachable: Mask, allowed: Mask, radius: float, depth: float
-) -> Mask:
-    """(rows, columns): the unknown cells that matter.
-
-    Those not farther than the depth behind a frontier, on a path over cells that are not occupied.
+def touched(known: Mask, occupied: Mask, reachable: Mask, radius: float) -> Mask:
+    """(rows, columns): the free cells that the robot touches, which border on what it can look at.
 
     Parameters
     ----------
     known, occupied : (rows, columns) bool
     reachable : (rows, columns) bool
         Cells at which the robot's centre may be.
-    allowed : (rows, columns) bool
-        Unknown cells elsewhere are not wanted.
     radius : float [cells]
         Of the robot: so far beside reachable cells it touches free ones.
+    """
+    free = known & ~occupied
+    return _spread(reachable & free, math.ceil(radius), free)
+
+
+def wanted(known: Mask, touched: Mask, allowed: Mask, depth: float) -> Mask:
+    """(rows, columns): the unknown cells that matter.
+
+    Those not farther than the depth behind a frontier, on a path over cells that are not occupied.
+
+    Parameters
+    ----------
+    known : (rows, columns) bool
+    touched : (rows, columns) bool
+        As of the function of this name.
+    allowed : (rows, columns) bool
+        Unknown cells elsewhere are not wanted.
     depth : float [cells]
 
     Examples
@@ -53,12 +64,11 @@ def wanted(
 
     >>> known = np.array([[True, True, False, False], [True, True, False, False]])
     >>> occupied = np.array([[False, False, False, False], [False, True, False, False]])
-    >>> wanted(known, occupied, known & ~occupied, ~occupied, radius=0.0, depth=1.0)
+    >>> beside = touched(known, occupied, known & ~occupied, radius=0.0)
+    >>> wanted(known, beside, ~occupied, depth=1.0)
     array([[False, False,  True, False],
            [False, False, False, False]])
     """
-    free = known & ~occupied
-    touched = _spread(reachable & free, math.ceil(radius), free)
     unknown = ~known & allowed
     return _spread(touched, math.ceil(depth), unknown) & unknown
 
@@ -71,7 +81,7 @@ def openings(occupied: Mask, reachable: Mask, allowed: Mask, radius: float, leas
     Parameters
     ----------
     occupied, reachable : (rows, columns) bool
-        As of `wanted`.
+        As of `touched`.
     allowed : (rows, columns) bool
         Cells elsewhere are not passed.
     radius : float [cells]

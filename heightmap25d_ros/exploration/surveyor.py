@@ -115,11 +115,10 @@ class Surveyor:
             return None
         known = survey.scenery.known & ~edges.beyond
         looks = self._looks.of(geometry, edges.height)
-        allowed = edges.beyond & self.inside(geometry) & (looks < own.looks)
+        allowed = edges.beyond & self.inside(geometry)
         costs = np.where(edges.deck, survey.costs, np.inf)
         closed = survey.occupied & ~edges.rim
-        wanted = self._wanted(known, closed, costs, allowed, geometry)
-        fresh = self._wanted(known, closed, costs, allowed & (looks == 0), geometry)
+        wanted, fresh = self._wanted(known, closed, costs, allowed, looks, geometry)
         scenery = replace(survey.scenery, height=edges.height, known=known, wanted=wanted)
         nothing = np.zeros(known.shape, np.bool_)
         return replace(survey, costs=costs, scenery=scenery, counted=nothing, fresh=fresh)
@@ -139,11 +138,11 @@ class Surveyor:
         costs[~is_inside] = np.inf
         height = np.nan_to_num(graph.height)  # where no known cell is near nothing is wanted
         looks = self._looks.of(geometry, None if is_one_level else height)
-        allowed = is_inside & (looks < own.looks)
+        wanted, fresh = self._wanted(known, graph.occupied, costs, is_inside, looks, geometry)
         scenery = Scenery(
             height=height,
             known=known,
-            wanted=self._wanted(known, graph.occupied, costs, allowed, geometry),
+            wanted=wanted,
             sensor_height=own.sensor_height,
             reach=own.sight / geometry.resolution,
             blind=own.blind_radius / geometry.resolution,
@@ -155,7 +154,7 @@ class Surveyor:
             scenery=scenery,
             occupied=graph.occupied.copy(),
             counted=np.ones(geometry.shape, np.bool_),
-            fresh=self._wanted(known, graph.occupied, costs, allowed & (looks == 0), geometry),
+            fresh=fresh,
         )
 
     def _wanted(
@@ -164,17 +163,29 @@ class Surveyor:
         occupied: Mask,
         costs: NDArray[np.float64],
         allowed: Mask,
+        looks: NDArray[np.int16],
         geometry: Geometry,
-    ) -> Mask:
+    ) -> tuple[Mask, Mask]:
+        """What matters of the unknown where it is allowed; and the same by what was never missed.
+
+        Parameters
+        ----------
+        known, occupied : (rows, columns) bool
+        costs : (rows, columns) float64 [m]
+        allowed : (rows, columns) bool
+        looks : (rows, columns) int16
+            In vain.
+        geometry : Geometry
+        """
+        own, side = self._params.exploration, geometry.resolution
         margin = self._params.traversability.robot_radius + self._params.planner.unknown_margin
-        return frontiers.wanted(
-            known,
-            occupied,
-            np.isfinite(costs),
-            allowed,
-            radius=margin / geometry.resolution,
-            depth=self._params.exploration.frontier_depth / geometry.resolution,
+        touched = frontiers.touched(known, occupied, np.isfinite(costs), margin / side)
+        depth = own.frontier_depth / side
+        wanted, fresh = (
+            frontiers.wanted(known, touched, allowed & is_open, depth)
+            for is_open in (looks < own.looks, looks == 0)
         )
+        return wanted, fresh
 
 
 def _without_wanted_of(survey: Survey, before: list[Survey]) -> Survey:

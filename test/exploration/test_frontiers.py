@@ -25,10 +25,15 @@ def parsed(text):
     return cells != "?", cells == "#"
 
 
+def wanted_of(known, occupied, reachable, allowed, radius, depth):
+    touched = frontiers.touched(known, occupied, reachable, radius)
+    return frontiers.wanted(known, touched, allowed, depth)
+
+
 def test_only_the_unknown_behind_a_door_is_wanted():
     known, occupied = parsed(MAP)
     reachable = known & ~occupied
-    wanted = frontiers.wanted(known, occupied, reachable, np.ones_like(known), radius=0, depth=2)
+    wanted = wanted_of(known, occupied, reachable, np.ones_like(known), radius=0, depth=2)
     assert np.argwhere(wanted).tolist() == [[3, 6], [3, 7]]
 
 
@@ -36,9 +41,9 @@ def test_the_robot_touches_free_cells_beside_those_that_it_can_come_to():
     known, occupied = parsed(MAP)
     reachable = np.zeros_like(known)
     reachable[3, 3] = True
-    near = frontiers.wanted(known, occupied, reachable, np.ones_like(known), radius=1, depth=1)
+    near = wanted_of(known, occupied, reachable, np.ones_like(known), radius=1, depth=1)
     assert not near.any()
-    wide = frontiers.wanted(known, occupied, reachable, np.ones_like(known), radius=2, depth=1)
+    wide = wanted_of(known, occupied, reachable, np.ones_like(known), radius=2, depth=1)
     assert np.argwhere(wide).tolist() == [[3, 6]]
 
 
@@ -46,7 +51,7 @@ def test_what_is_not_allowed_is_not_wanted_and_not_passed():
     known, occupied = parsed(MAP)
     allowed = np.ones_like(known)
     allowed[3, 6] = False
-    wanted = frontiers.wanted(known, occupied, known & ~occupied, allowed, radius=0, depth=5)
+    wanted = wanted_of(known, occupied, known & ~occupied, allowed, radius=0, depth=5)
     assert not wanted.any()
 
 
