@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from heightmap25d_ros.arrays import Array
-from heightmap25d_ros.grid.height_map import HeightMap
+from heightmap25d_ros.grid.height_map import Geometry, HeightMap
 from heightmap25d_ros.localization.ground_planes import fit_planes
 from heightmap25d_ros.localization.layers import LayerMap
 from heightmap25d_ros.localization.surface import NEAR
@@ -25,12 +25,16 @@ _LEAST_RETURNS = 2  # of ground or wall in a cell; one alone may be a phantom
 _MOST_THICKNESS = 0.025  # [m] standard deviation across a wall; the top of a box has 0.036
 _MOST_ROUGHNESS = 0.06  # [m] rms about a plane, above which it is no ground to hold on to
 _AROUND = 5  # [cells] side of a cell's surroundings
+_BORDER = 4
+"""Unknown cells around the map: returns of a wall at its edge fall beside it, and walls are looked
+for two cells around each."""
 _UNKNOWN = np.float32(1e6)  # [m] lowest ground where there is none
+_MAP = np.s_[_BORDER:-_BORDER, _BORDER:-_BORDER]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Landmarks:
-    """What returns are held against.
+    """What returns are held against: the cells of a map, with a border of unknown ones.
 
     Attributes
     ----------
@@ -60,6 +64,16 @@ class Landmarks:
     origin: tuple[float, float]
     resolution: float
 
+    @property
+    def geometry(self) -> Geometry:
+        """Of all cells."""
+        return Geometry(resolution=self.resolution, origin=self.origin, shape=self.lowest.shape)
+
+    @property
+    def is_wall(self) -> NDArray[np.bool_]:
+        """The cells (rows, columns) of the map, without the border, in which something stands."""
+        return np.asarray(self.wall_of[_MAP] >= 0)
+
     def arrays(self) -> tuple[Any, ...]:
         """All of it, as the kernels take it."""
         return (
@@ -85,11 +99,12 @@ def landmarks_of(height_map: HeightMap, layers: LayerMap) -> Landmarks:
     is_standing = _standing(layers, is_seen)
     is_low = is_seen & ~is_standing
     height = np.where(is_low, layers.ground_height, _UNKNOWN).astype(np.float32)
-    lowest = ndimage.minimum_filter(height, _AROUND, mode="nearest")
-    is_above = is_standing | (is_low & (height > lowest + ELEVATED))
+    bordered = np.pad(height, _BORDER, constant_values=_UNKNOWN)
+    lowest = ndimage.minimum_filter(bordered, _AROUND, mode="nearest")
+    is_above = is_standing | (is_low & (height > lowest[_MAP] + ELEVATED))
     tops = height_map.metres
     count, places = _elevated_places(layers, is_above)
-    is_high = is_standing | (tops > lowest + ELEVATED)
+    is_high = is_standing | (tops > lowest[_MAP] + ELEVATED)
     is_wall = (count >= _LEAST_RETURNS) & height_map.known & is_high
     is_face = is_wall & (_thickness(layers) <= _MOST_THICKNESS**2)
     cells, lines = fit_lines(places, np.where(is_face, count, 0.0), geometry.resolution)
@@ -105,12 +120,14 @@ def landmarks_of(height_map: HeightMap, layers: LayerMap) -> Landmarks:
     is_smooth = planes[:, 3] <= _MOST_ROUGHNESS
     return Landmarks(
         lowest=lowest,
-        is_near=ndimage.maximum_filter(height_map.known, 2 * NEAR + 1, mode="constant"),
+        is_near=ndimage.maximum_filter(
+            np.pad(height_map.known, _BORDER), 2 * NEAR + 1, mode="constant"
+        ),
         wall_of=_indexed(geometry.shape, cells),
         plane_of=_indexed(geometry.shape, plane_cells[is_smooth]),
         walls=np.ascontiguousarray(walls),
         planes=np.ascontiguousarray(planes[is_smooth]),
-        origin=geometry.origin,
+        origin=tuple(geometry.cell_corner((-_BORDER, -_BORDER)).tolist()),
         resolution=geometry.resolution,
     )
 
@@ -150,6 +167,7 @@ def _thickness(layers: LayerMap) -> Array:
 
 
 def _indexed(shape: tuple[int, int], cells: NDArray[np.int64]) -> NDArray[np.int32]:
-    index = np.full(shape, -1, np.int32)
-    index[tuple(cells.T)] = np.arange(len(cells))
+    """(rows, columns) with the border: row of each cell in a table; -1: none."""
+    index = np.pad(np.full(shape, -1, np.int32), _BORDER, constant_values=-1)
+    index[tuple(cells.T + _BORDER)] = np.arange(len(cells))
     return index
