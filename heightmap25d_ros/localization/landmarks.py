@@ -28,7 +28,7 @@ _AROUND = 5  # [cells] side of a cell's surroundings
 _BORDER = 4
 """Unknown cells around the map: returns of a wall at its edge fall beside it, and walls are looked
 for two cells around each."""
-_UNKNOWN = np.float32(1e6)  # [m] lowest ground where there is none
+_UNKNOWN = 1e6  # [m] lowest ground where there is none
 _MAP = np.s_[_BORDER:-_BORDER, _BORDER:-_BORDER]
 
 
@@ -41,8 +41,10 @@ class Landmarks:
     lowest : (rows, columns) float32 [m]
         The lowest ground within two cells.
     is_near : (rows, columns) bool
-        Whether a known cell is at most `surface.NEAR` cells away. The map can tell nothing of what
-        lies farther out: lasers may see beyond it.
+        The cells of the map of which a known one is at most `surface.NEAR` cells away. It can tell
+        nothing of what lies farther out: lasers may see beyond it.
+    is_open : (rows, columns) bool
+        Where the map tells that nothing stands but its walls: anything else contradicts it.
     wall_of, plane_of : (rows, columns) int32
         Row of a cell in the tables; -1: none.
     walls : (K, 9) float64
@@ -57,6 +59,7 @@ class Landmarks:
 
     lowest: NDArray[np.float32]
     is_near: NDArray[np.bool_]
+    is_open: NDArray[np.bool_]
     wall_of: NDArray[np.int32]
     plane_of: NDArray[np.int32]
     walls: Array
@@ -78,7 +81,7 @@ class Landmarks:
         """All of it, as the kernels take it."""
         return (
             self.lowest, self.wall_of, self.plane_of, self.walls, self.planes,
-            self.origin[0], self.origin[1], 1.0 / self.resolution, self.is_near,
+            self.origin[0], self.origin[1], 1.0 / self.resolution, self.is_near, self.is_open,
         )  # fmt: skip
 
 
@@ -86,9 +89,9 @@ def sample_landmarks() -> Landmarks:
     """One wall in 8 x 8 cells of 1 m: something to compile kernels with."""
     nothing = np.full((8, 8), -1, np.int32)
     return Landmarks(
-        lowest=np.zeros((8, 8), np.float32), is_near=np.ones((8, 8), bool), wall_of=nothing,
-        plane_of=nothing, walls=np.zeros((1, 9)), planes=np.zeros((1, 5)), origin=(0.0, 0.0),
-        resolution=1.0,
+        lowest=np.zeros((8, 8), np.float32), is_near=np.ones((8, 8), bool),
+        is_open=np.ones((8, 8), bool), wall_of=nothing, plane_of=nothing, walls=np.zeros((1, 9)),
+        planes=np.zeros((1, 5)), origin=(0.0, 0.0), resolution=1.0,
     )  # fmt: skip
 
 
@@ -99,8 +102,7 @@ def landmarks_of(height_map: HeightMap, layers: LayerMap) -> Landmarks:
     is_standing = _standing(layers, is_seen)
     is_low = is_seen & ~is_standing
     height = np.where(is_low, layers.ground_height, _UNKNOWN).astype(np.float32)
-    bordered = np.pad(height, _BORDER, constant_values=_UNKNOWN)
-    lowest = ndimage.minimum_filter(bordered, _AROUND, mode="nearest")
+    lowest = ndimage.minimum_filter(bordered(height, _UNKNOWN), _AROUND, mode="nearest")
     is_above = is_standing | (is_low & (height > lowest[_MAP] + ELEVATED))
     tops = height_map.metres
     count, places = _elevated_places(layers, is_above)
@@ -120,9 +122,10 @@ def landmarks_of(height_map: HeightMap, layers: LayerMap) -> Landmarks:
     is_smooth = planes[:, 3] <= _MOST_ROUGHNESS
     return Landmarks(
         lowest=lowest,
-        is_near=ndimage.maximum_filter(
-            np.pad(height_map.known, _BORDER), 2 * NEAR + 1, mode="constant"
+        is_near=bordered(
+            ndimage.maximum_filter(height_map.known, 2 * NEAR + 1, mode="constant"), False
         ),
+        is_open=lowest < _UNKNOWN,
         wall_of=_indexed(geometry.shape, cells),
         plane_of=_indexed(geometry.shape, plane_cells[is_smooth]),
         walls=np.ascontiguousarray(walls),
@@ -130,6 +133,11 @@ def landmarks_of(height_map: HeightMap, layers: LayerMap) -> Landmarks:
         origin=tuple(geometry.cell_corner((-_BORDER, -_BORDER)).tolist()),
         resolution=geometry.resolution,
     )
+
+
+def bordered(cells: NDArray[Any], outside: float) -> NDArray[Any]:
+    """The cells (rows, columns) of a map as `Landmarks` has them: with a border of a value."""
+    return np.pad(cells, _BORDER, constant_values=outside)
 
 
 def _standing(layers: LayerMap, is_seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -168,6 +176,6 @@ def _thickness(layers: LayerMap) -> Array:
 
 def _indexed(shape: tuple[int, int], cells: NDArray[np.int64]) -> NDArray[np.int32]:
     """(rows, columns) with the border: row of each cell in a table; -1: none."""
-    index = np.pad(np.full(shape, -1, np.int32), _BORDER, constant_values=-1)
+    index = bordered(np.full(shape, -1, np.int32), -1)
     index[tuple(cells.T + _BORDER)] = np.arange(len(cells))
     return index

@@ -159,10 +159,7 @@ def _associated(x, y, z, cells):
         return _NOTHING
     ix, iy = int(u), int(v)
     ground = lowest[iy, ix]
-    if ground > _NO_GROUND:
-        # A map of level lasers: what it has not seen may be there all the same.
-        return max(_wall_near(x, y, z, ix, iy, cells), _NOTHING)
-    if z > ground + ELEVATED:
+    if ground > _NO_GROUND or z > ground + ELEVATED:
         return _wall_near(x, y, z, ix, iy, cells)
     k = cells[2][iy, ix]
     if k < 0:
@@ -184,7 +181,7 @@ def _wall_near(x, y, z, ix, iy, cells):
                 if squared < best:
                     nearest, best = k, squared
     if nearest < 0:
-        return _CONTRADICTED
+        return _CONTRADICTED if cells[9][iy, ix] else _NOTHING
     is_line = walls[nearest, 2] == walls[nearest, 2]
     return 2 * nearest if is_line and z < walls[nearest, 8] + _ABOVE_TOP else _NOTHING
 

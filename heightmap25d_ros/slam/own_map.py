@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.grid.height_map import Area, Geometry, HeightMap
-from heightmap25d_ros.localization.landmarks import Landmarks, landmarks_of
+from heightmap25d_ros.localization.landmarks import Landmarks, bordered, landmarks_of
 from heightmap25d_ros.localization.layers import NAMES, LayerMap
 from heightmap25d_ros.slam.submaps import MappedCells, joined
 
@@ -59,11 +59,14 @@ def landmarks_around(
 ) -> Landmarks:
     """Walls and ground of submaps around a position, see `surroundings`.
 
-    Where there is ground, walls that were not seen again, see `sightings`, are none that a scan can
-    be held to. Level lasers in a building see walls only.
+    What is not known yet, also close to what is, does not speak against a scan. Where there is
+    ground, walls that were not seen again, see `sightings`, are none that a scan can be held to.
+    Level lasers in a building see walls only.
     """
     height_map, layers = surroundings(submaps, position, reach, resolution)
     landmarks = landmarks_of(height_map, layers)
+    is_open = landmarks.is_open & bordered(height_map.known, False)
+    landmarks = replace(landmarks, is_open=is_open)
     if not (layers.ground_count > layers.level_count).any():
         return landmarks
     is_confirmed = _confirmed(submaps, landmarks.geometry)
