@@ -12,9 +12,7 @@ from bag_writer import odometry, rclpy_type
 from geometry_msgs.msg import Point32, PolygonStamped, PoseStamped
 from grid_messages import grid
 from node_client import LATCHED, PATIENCE, Client, node_process
-from rcl_interfaces.srv import SetParameters
 from rclpy.action import ActionClient
-from rclpy.parameter import Parameter
 from repository import ROOT
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import MarkerArray
@@ -99,7 +97,7 @@ class Place:
 @pytest.fixture(scope="module")
 def place():
     place = Place("/hall")
-    quick = "-p", "exploration.stuck_timeout:=2.0", "-p", "exploration.lost_timeout:=1.0"
+    quick = "-p", "exploration.stuck_timeout:=1.0", "-p", "exploration.lost_timeout:=1.0"
     with node_process("exploration", *quick, namespace="/hall"):
         yield place
     place.client.close()
@@ -161,20 +159,17 @@ def test_a_robot_that_stays_lost(place):
     place.goals.clear()
     assert place.client.call("exploration/start", Trigger).success
     place.until(lambda: place.state == ExplorationStatus.DRIVING)
-    place.client.publish("localization/status", LocalizationStatus(state=LocalizationStatus.LOST))
+    lost, found = LocalizationStatus.LOST, LocalizationStatus.TRACKING
+    place.client.publish("localization/status", LocalizationStatus(state=lost), LATCHED)
     place.until(lambda: place.state == ExplorationStatus.ENDED)
     assert place.statuses[-1].end == ExplorationStatus.LOST
     assert place.statuses[-1].reason.startswith("localization has been LOST for")
     waited = [s for s in place.statuses if s.state == ExplorationStatus.PAUSED]
     assert waited[-1].reason == "localization is LOST"
-    found = LocalizationStatus(state=LocalizationStatus.TRACKING)
-    place.client.publish("localization/status", found)
+    place.client.publish("localization/status", LocalizationStatus(state=found), LATCHED)
 
 
 def test_a_robot_that_does_not_move(place):
-    soon = Parameter("exploration.stuck_timeout", value=1.0).to_parameter_msg()
-    answer = place.client.call("exploration/set_parameters", SetParameters, parameters=[soon])
-    assert answer.results[0].successful
     place.obeys = False
     place.until(lambda: place.state == ExplorationStatus.ENDED)
     place.goals.clear()
