@@ -173,13 +173,17 @@ class Agreement(NamedTuple):
     ----------
     forward, backward : Update
         Of all cells of the moving map, held against the fixed one, and the other way round.
-    score : float
-        Cells of walls of both that agree with the other map, less eight times those that do not.
+    walls : int
+        Cells of walls of both of which the other map can tell whether they agree.
+    agreeing, contradicted : int
+        Of these, those that do, and those that stand where the other map has nothing.
     """
 
     forward: Update
     backward: Update
-    score: float
+    walls: int
+    agreeing: int
+    contradicted: int
 
 
 def agreement(
@@ -188,11 +192,10 @@ def agreement(
     """Hold each of two maps against the other one, at a pose (4, 4) of the moving one."""
     forward, walls = _held(moving, T_fixed_moving, fixed, params)
     backward, others = _held(fixed, se3.inverse(T_fixed_moving), moving, params)
-    agreeing = walls.agreeing + others.agreeing
-    has_layers = fixed.layers is not None and moving.layers is not None
-    weight = _CONTRADICTION if has_layers else _OF_HEIGHTS
-    score = agreeing - weight * (walls.over_known + others.over_known - agreeing)
-    return Agreement(forward, backward, score)
+    return Agreement(
+        forward, backward, walls.over_known + others.over_known, walls.agreeing + others.agreeing,
+        walls.contradicted + others.contradicted,
+    )  # fmt: skip
 
 
 def register_maps(fixed: RegisteredMap, moving: RegisteredMap, params: Params) -> MapRegistration:
@@ -258,12 +261,16 @@ def _judged(
     T: se3.Matrix, fixed: RegisteredMap, moving: RegisteredMap, params: Params
 ) -> MapRegistration | None:
     """What a pose of the moving map has to show; None if the maps do not fit there."""
-    forward, backward, score = agreement(T, fixed, moving, params)
+    found = agreement(T, fixed, moving, params)
+    forward, backward = found.forward, found.backward
     for update in (forward, backward):
         if update.over_known < _LEAST_KNOWN * update.near_known:
             return None
         if update.agreeing < _LEAST_AGREEING * update.over_known:
             return None
+    has_layers = fixed.layers is not None and moving.layers is not None
+    weight = _CONTRADICTION if has_layers else _OF_HEIGHTS
+    score = found.agreeing - weight * (found.walls - found.agreeing)
     if score < LEAST_SCORE:
         return None
     both = forward.over_known + backward.over_known
