@@ -39,7 +39,7 @@ _LEAST_AGREEING = 0.75  # share of the returns over known places that must agree
 _MOST_RESIDUAL = 0.04  # [m] mean distance from walls and ground, of at most 0.1 m each
 _NEAR = np.square([0.1, 0.1, 0.03, 0.1])  # variances about a pose that was found
 _FLOOR = np.diag(np.square([0.02, 0.02, 0.005, 0.02]))  # of a loop: submaps are not quite rigid
-_CONTRADICTION = 12.0  # cells of walls that agree, for each that stands where nothing was
+_CONTRADICTION = 40.0  # cells of walls that agree, for each that stands where nothing was
 _LEAST_KNOWN = 0.5  # share of the returns near known places of which the map must tell something
 _SAME_PLACE, _SAME_YAW = 0.2, 0.05  # [m], [rad] between the drifts that two searches find
 
@@ -119,7 +119,11 @@ def query_of(
     position = T_map_base[:3, 3]
     found = surroundings(recent, position, _QUERY_REACH, params.grid.resolution)
     seen = np.concatenate(returns) - position if returns else np.empty((0, 3))
-    return Query(T_map_base=T_map_base, surroundings=RegisteredMap(*found, params), returns=seen)
+    return Query(
+        T_map_base=T_map_base,
+        surroundings=RegisteredMap(*found, params, is_growing=True),
+        returns=seen,
+    )
 
 
 class LoopSearch(SlicedSearch[Found]):
@@ -150,9 +154,8 @@ class LoopSearch(SlicedSearch[Found]):
     def _run(self) -> Iterator[Found | None]:
         query, params = self._query, self._params
         T_map_base, reach = query.T_map_base, params.slam.reach + self._prior.radius
-        older = RegisteredMap(
-            *surroundings(self._submaps, T_map_base[:3, 3], reach, params.grid.resolution), params
-        )
+        found_around = surroundings(self._submaps, T_map_base[:3, 3], reach, params.grid.resolution)
+        older = RegisteredMap(*found_around, params, is_growing=True)
         yield None
         points = query.surroundings.piece(T_map_base[:3, 3], _QUERY_REACH)
         search = GlobalSearch(points, older.surface, params.registration, self._prior)

@@ -25,7 +25,7 @@ from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.localization import surface
 from heightmap25d_ros.localization.global_search import relocalize
-from heightmap25d_ros.localization.landmarks import Landmarks, landmarks_of
+from heightmap25d_ros.localization.landmarks import Landmarks, bordered, landmarks_of
 from heightmap25d_ros.localization.layers import NAMES, LayerMap
 from heightmap25d_ros.localization.matching import RegistrationPoints
 from heightmap25d_ros.localization.scan_update import Update, update_by_returns
@@ -96,10 +96,19 @@ class RegisteredMap:
     layers : LayerMap or None
         Without layers, walls and ground are those of the heights.
     params : Params
+    is_growing : bool
+        Whether what is not known yet, also close to what is, does not speak against another map.
     """
 
-    def __init__(self, height_map: HeightMap, layers: LayerMap | None, params: Params) -> None:
-        self.height_map, self._params = height_map, params
+    def __init__(
+        self,
+        height_map: HeightMap,
+        layers: LayerMap | None,
+        params: Params,
+        *,
+        is_growing: bool = False,
+    ) -> None:
+        self.height_map, self._is_growing = height_map, is_growing
         self.layers = layers
         self._edge_step = params.registration.edge_step
 
@@ -111,7 +120,11 @@ class RegisteredMap:
     @cached_property
     def landmarks(self) -> Landmarks:
         """Walls and ground."""
-        return landmarks_of(self.height_map, self._evidence)
+        found = landmarks_of(self.height_map, self._evidence)
+        if not self._is_growing:
+            return found
+        is_open = found.is_open & bordered(self.height_map.known, False)
+        return replace(found, is_open=is_open)
 
     @cached_property
     def _evidence(self) -> LayerMap:
