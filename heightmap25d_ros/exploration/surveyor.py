@@ -136,7 +136,8 @@ class Surveyor:
         own, geometry = self._params.exploration, graph.geometry
         is_inside = self.inside(geometry)
         costs[~is_inside] = np.inf
-        height = np.nan_to_num(graph.height)  # where no known cell is near nothing is wanted
+        # Where no known cell is near nothing is wanted.
+        height = np.where(np.isnan(graph.height), np.float32(0.0), graph.height)
         looks = self._looks.of(geometry, None if is_one_level else height)
         wanted, fresh = self._wanted(known, graph.occupied, costs, is_inside, looks, geometry)
         scenery = Scenery(
@@ -181,11 +182,11 @@ class Surveyor:
         margin = self._params.traversability.robot_radius + self._params.planner.unknown_margin
         touched = frontiers.touched(known, occupied, np.isfinite(costs), margin / side)
         depth = own.frontier_depth / side
-        wanted, fresh = (
-            frontiers.wanted(known, touched, allowed & is_open, depth)
-            for is_open in (looks < own.looks, looks == 0)
-        )
-        return wanted, fresh
+        wanted = frontiers.wanted(known, touched, allowed & (looks < own.looks), depth)
+        is_missed = wanted & (looks > 0)
+        if not is_missed.any():
+            return wanted, wanted
+        return wanted, frontiers.wanted(known, touched, wanted & ~is_missed, depth)
 
 
 def _without_wanted_of(survey: Survey, before: list[Survey]) -> Survey:
