@@ -58,6 +58,8 @@ class Update(NamedTuple):
         Returns of which the map can tell whether they agree.
     agreeing : int
         Of these, the ones within 0.1 m of wall or ground.
+    contradicted : int
+        Of these, the ones of something that stands where the map has nothing.
     residual : float [m]
         Their mean distance from these, at most 0.1 m each.
     """
@@ -67,6 +69,7 @@ class Update(NamedTuple):
     near_known: int
     over_known: int
     agreeing: int
+    contradicted: int
     residual: float
 
 
@@ -316,7 +319,7 @@ def _agreement(at, codes, position, cells):
     """The counts of `Update`, and the mean distance [m]."""
     corner_x, corner_y, per_metre, is_near = cells[5], cells[6], cells[7], cells[8]
     rows, columns = is_near.shape
-    near = known = agreeing = 0
+    near = known = agreeing = contradicted = 0
     total = 0.0
     for i in range(len(codes)):
         u = (position[0] + at[i, 0] - corner_x) * per_metre
@@ -328,9 +331,11 @@ def _agreement(at, codes, position, cells):
         distance = FIT
         if codes[i] >= 0:
             distance = abs(_distance(codes[i], at[i], position, cells))
+        else:
+            contradicted += 1
         agreeing += distance < FIT
         total += min(distance, FIT)
-    return near, known, agreeing, total / max(known, 1)
+    return near, known, agreeing, contradicted, total / max(known, 1)
 
 
 @inlined_kernel

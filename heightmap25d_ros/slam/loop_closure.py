@@ -39,6 +39,7 @@ _LEAST_AGREEING = 0.75  # share of the returns over known places that must agree
 _MOST_RESIDUAL = 0.04  # [m] mean distance from walls and ground, of at most 0.1 m each
 _NEAR = np.square([0.1, 0.1, 0.03, 0.1])  # variances about a pose that was found
 _FLOOR = np.diag(np.square([0.02, 0.02, 0.005, 0.02]))  # of a loop: submaps are not quite rigid
+_CONTRADICTION = 40.0  # cells of walls that agree, for each that stands where nothing was
 _LEAST_KNOWN = 0.5  # share of the returns near known places of which the map must tell something
 _SAME_PLACE, _SAME_YAW = 0.2, 0.05  # [m], [rad] between the drifts that two searches find
 
@@ -118,7 +119,11 @@ def query_of(
     position = T_map_base[:3, 3]
     found = surroundings(recent, position, _QUERY_REACH, params.grid.resolution)
     seen = np.concatenate(returns) - position if returns else np.empty((0, 3))
-    return Query(T_map_base=T_map_base, surroundings=RegisteredMap(*found, params), returns=seen)
+    return Query(
+        T_map_base=T_map_base,
+        surroundings=RegisteredMap(*found, params, is_growing=True),
+        returns=seen,
+    )
 
 
 class LoopSearch(SlicedSearch[Found]):
@@ -149,9 +154,8 @@ class LoopSearch(SlicedSearch[Found]):
     def _run(self) -> Iterator[Found | None]:
         query, params = self._query, self._params
         T_map_base, reach = query.T_map_base, params.slam.reach + self._prior.radius
-        older = RegisteredMap(
-            *surroundings(self._submaps, T_map_base[:3, 3], reach, params.grid.resolution), params
-        )
+        found_around = surroundings(self._submaps, T_map_base[:3, 3], reach, params.grid.resolution)
+        older = RegisteredMap(*found_around, params, is_growing=True)
         yield None
         points = query.surroundings.piece(T_map_base[:3, 3], _QUERY_REACH)
         search = GlobalSearch(points, older.surface, params.registration, self._prior)
@@ -172,7 +176,8 @@ class LoopSearch(SlicedSearch[Found]):
 class _Place(NamedTuple):
     """Where a search has found the robot, measured, and whether it fits or why not.
 
-    The score is that of `map_registration`.
+    The score is the number of cells of walls that agree, less as many for each that stands where
+    nothing was, or the other way round, as it weighs.
     """
 
     reason: Reason
@@ -196,7 +201,8 @@ def _place(query: Query, candidate: Candidate, older: RegisteredMap, params: Par
     drift = se3.correction_about(T_map_base, (x, y, z), yaw) @ coarse
     observed = update.information + np.diag(1.0 / _NEAR)
     covariance = np.asarray(np.linalg.inv(observed)) + _FLOOR
-    score = agreement(drift, older, query.surroundings, params).score
+    found = agreement(drift, older, query.surroundings, params)
+    score = found.agreeing - _CONTRADICTION * found.contradicted
     return _Place(_fit(update, score, params), drift, covariance, score)
 
 
@@ -207,7 +213,7 @@ def _fit(update: Update, score: float, params: Params) -> Reason:
         return Reason.LITTLE_OVERLAP
     if update.agreeing < _LEAST_AGREEING * known or update.residual > _MOST_RESIDUAL or score < 0:
         return Reason.HIGH_RESIDUAL
-    return Reason.ACCEPTED if score >= LEAST_SCORE else Reason.LITTLE_OVERLAP
+    return Reason.ACCEPTED
 
 
 def _judged(places: Sequence[_Place], *, has_found_all: bool) -> Found:
@@ -216,12 +222,13 @@ def _judged(places: Sequence[_Place], *, has_found_all: bool) -> Found:
         (place for place in places if place.reason is Reason.ACCEPTED),
         key=lambda place: -place.score,
     )
-    untold = [place for place in places if place.reason is Reason.LITTLE_OVERLAP]
-    if not fitting:
-        reason = Reason.LITTLE_OVERLAP if untold else Reason.HIGH_RESIDUAL
-        return _refused(reason, [place.drift for place in untold])
     as_good = [place for place in fitting if place.score >= AS_GOOD * fitting[0].score]
+    untold = [place for place in places if place.reason is Reason.LITTLE_OVERLAP]
     possible = [place.drift for place in as_good + untold]
+    if not possible:
+        return _refused(Reason.HIGH_RESIDUAL)
+    if not fitting or fitting[0].score < LEAST_SCORE:
+        return _refused(Reason.LITTLE_OVERLAP, possible)
     if len(possible) > 1 or not has_found_all:
         return _refused(Reason.AMBIGUOUS, possible)
     only = fitting[0]

@@ -25,7 +25,7 @@ from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.localization import surface
 from heightmap25d_ros.localization.global_search import relocalize
-from heightmap25d_ros.localization.landmarks import Landmarks, landmarks_of
+from heightmap25d_ros.localization.landmarks import Landmarks, bordered, landmarks_of
 from heightmap25d_ros.localization.layers import NAMES, LayerMap
 from heightmap25d_ros.localization.matching import RegistrationPoints
 from heightmap25d_ros.localization.scan_update import Update, update_by_returns
@@ -96,10 +96,19 @@ class RegisteredMap:
     layers : LayerMap or None
         Without layers, walls and ground are those of the heights.
     params : Params
+    is_growing : bool
+        Whether what is not known yet, also close to what is, does not speak against another map.
     """
 
-    def __init__(self, height_map: HeightMap, layers: LayerMap | None, params: Params) -> None:
-        self.height_map, self._params = height_map, params
+    def __init__(
+        self,
+        height_map: HeightMap,
+        layers: LayerMap | None,
+        params: Params,
+        *,
+        is_growing: bool = False,
+    ) -> None:
+        self.height_map, self._is_growing = height_map, is_growing
         self.layers = layers
         self._edge_step = params.registration.edge_step
 
@@ -111,7 +120,11 @@ class RegisteredMap:
     @cached_property
     def landmarks(self) -> Landmarks:
         """Walls and ground."""
-        return landmarks_of(self.height_map, self._evidence)
+        found = landmarks_of(self.height_map, self._evidence)
+        if not self._is_growing:
+            return found
+        is_open = found.is_open & bordered(self.height_map.known, False)
+        return replace(found, is_open=is_open)
 
     @cached_property
     def _evidence(self) -> LayerMap:
@@ -173,13 +186,17 @@ class Agreement(NamedTuple):
     ----------
     forward, backward : Update
         Of all cells of the moving map, held against the fixed one, and the other way round.
-    score : float
-        Cells of walls of both that agree with the other map, less eight times those that do not.
+    walls : int
+        Cells of walls of both of which the other map can tell whether they agree.
+    agreeing, contradicted : int
+        Of these, those that do, and those that stand where the other map has nothing.
     """
 
     forward: Update
     backward: Update
-    score: float
+    walls: int
+    agreeing: int
+    contradicted: int
 
 
 def agreement(
@@ -188,11 +205,10 @@ def agreement(
     """Hold each of two maps against the other one, at a pose (4, 4) of the moving one."""
     forward, walls = _held(moving, T_fixed_moving, fixed, params)
     backward, others = _held(fixed, se3.inverse(T_fixed_moving), moving, params)
-    agreeing = walls.agreeing + others.agreeing
-    has_layers = fixed.layers is not None and moving.layers is not None
-    weight = _CONTRADICTION if has_layers else _OF_HEIGHTS
-    score = agreeing - weight * (walls.over_known + others.over_known - agreeing)
-    return Agreement(forward, backward, score)
+    return Agreement(
+        forward, backward, walls.over_known + others.over_known, walls.agreeing + others.agreeing,
+        walls.contradicted + others.contradicted,
+    )  # fmt: skip
 
 
 def register_maps(fixed: RegisteredMap, moving: RegisteredMap, params: Params) -> MapRegistration:
@@ -258,12 +274,16 @@ def _judged(
     T: se3.Matrix, fixed: RegisteredMap, moving: RegisteredMap, params: Params
 ) -> MapRegistration | None:
     """What a pose of the moving map has to show; None if the maps do not fit there."""
-    forward, backward, score = agreement(T, fixed, moving, params)
+    found = agreement(T, fixed, moving, params)
+    forward, backward = found.forward, found.backward
     for update in (forward, backward):
         if update.over_known < _LEAST_KNOWN * update.near_known:
             return None
         if update.agreeing < _LEAST_AGREEING * update.over_known:
             return None
+    has_layers = fixed.layers is not None and moving.layers is not None
+    weight = _CONTRADICTION if has_layers else _OF_HEIGHTS
+    score = found.agreeing - weight * (found.walls - found.agreeing)
     if score < LEAST_SCORE:
         return None
     both = forward.over_known + backward.over_known
