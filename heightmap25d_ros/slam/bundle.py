@@ -27,8 +27,10 @@ from heightmap25d_ros.slam.patches import STATES, NormalEquations, Returns, add_
 WINDOW, _OVERLAP = 400, 120
 """Keyframes that are refined together at most."""
 
-_STEPS, _CONVERGED = 10, 1e-3  # Gauss-Newton steps at most; [m] rms of the last one
-_FIRST_TOLERANCE, _NARROWING, _LAST_TOLERANCE = 0.12, 0.6, 0.04  # [m] from a patch
+_STEPS, _CONVERGED = 24, 1e-3  # Gauss-Newton steps at most; [m] rms of the last one
+_FIRST_TOLERANCE, _NARROWING, _LAST_TOLERANCE = 1.0, 0.75, 0.04  # [m] from a patch
+_FOLLOWS = 10.0  # of the last step is the tolerance at most: where little moves it is soon narrow
+_LEAST_SLIP = 0.2  # standard deviation per distance, of slip that may be rather than that is usual
 _REACH = 16.0  # [m] in the plane, from the robot to returns that are used
 _START = (1e-3, 1e-3, 1e-3, 1e-3)  # [m], [m], [rad], [m] deviation of the first pose
 _RADIAN = 0.5  # [m] of distance that turning by a radian drifts like
@@ -148,6 +150,7 @@ class _Stretch:
         self, keyframes: Sequence[Keyframe], T_map_odom: se3.Matrix, params: ScanFilterParams
     ) -> None:
         self._params, self._T_map_odom = params, T_map_odom
+        self._slip = max(params.slip, _LEAST_SLIP)
         T_odom_base = np.array([keyframe.T_odom_base for keyframe in keyframes])
         self._T_map_base = T_map_odom @ T_odom_base
         self._steps = _Steps.of(T_odom_base)
@@ -162,11 +165,10 @@ class _Stretch:
         """Take steps until they are short."""
         tolerance = _FIRST_TOLERANCE
         for _ in range(_STEPS):
-            step = self._step(tolerance)
-            is_narrow = tolerance == _LAST_TOLERANCE
-            tolerance = max(_NARROWING * tolerance, _LAST_TOLERANCE)
-            if is_narrow and np.sqrt(np.mean(np.square(step[:, :2]))) < _CONVERGED:
+            moved = float(np.sqrt(np.mean(np.square(self._step(tolerance)[:, :2]))))
+            if tolerance == _LAST_TOLERANCE and moved < _CONVERGED:
                 break
+            tolerance = max(min(_NARROWING * tolerance, _FOLLOWS * moved), _LAST_TOLERANCE)
         T_map_odom = [
             se3.correction_about(pose, error[_MOVED], error[_YAW]) @ T
             for pose, error, T in zip(self._T_map_base, self._errors, self._T_map_odom, strict=True)
@@ -235,7 +237,7 @@ class _Stretch:
         variance = _LEAST_VARIANCE + np.column_stack([
             params.position_drift**2 * drift, params.position_drift**2 * drift,
             params.yaw_drift**2 * distance + params.turn_noise**2 * np.abs(turn),
-            params.z_drift**2 * distance, (1.0 - kept**2) * params.slip**2,
+            params.z_drift**2 * distance, (1.0 - kept**2) * self._slip**2,
             *2 * [(1.0 - stays**2) * params.tilt_noise**2 + _LEAST_VARIANCE],
         ])  # fmt: skip
         constants = self._errors.size + np.arange(STATES)
@@ -251,7 +253,7 @@ class _Stretch:
         deviation = np.full(self._errors.shape, np.inf)
         deviation[0, [_ROLL, _PITCH]] = params.tilt_noise
         deviation[0, :4] = _START
-        deviation[0, _SLIP] = params.slip
+        deviation[0, _SLIP] = self._slip
         constants = np.ones(STATES)
         constants[[_HEIGHT, _SCALE, _TURN_SCALE, _BIAS]] = (
             _HEIGHT_NOISE, params.distance_scale, params.turn_scale, params.heading_bias

@@ -30,11 +30,13 @@ _LEAST_RETURNS = 12
 _LEAST_INLIERS = 0.6  # share of the returns
 _FITS = 3
 _MOST_ACROSS = 0.03  # [m] standard deviation across a patch
+_SMEARED = 0.5  # of the tolerance: likewise, while poses are not yet found
 _ROW = 0.015  # [m] added to the heights' standard deviation: a row of returns stands upright
 _LEAST_LONG = 0.04  # [m] standard deviation along a patch
 _LEAST_FLATNESS = 4.0  # variance along the shorter axis of a patch over that across it
 _GRAZING = 0.03  # sine of the angle from a beam to a patch, below which its range tells nothing
 _RANGE_ERROR = 0.06  # [m] at most: what is farther from a patch than by that is so for its pose
+_PARALLEL = 0.05  # mean sine of the angle from beams to what may be a patch that they have seen
 _STEEP = 0.7  # vertical component of the normal, up to which a patch is steep
 _NOISE, _GROUND_NOISE = 0.015, 0.025  # [m] of a return from a patch that is steep, or not
 _CONTACT = 64.0  # returns that a wheel counts as: its height errs by 1 cm, and alone
@@ -101,7 +103,8 @@ def add_patches(
         Number of patches.
     """
     at = returns.seen + positions[returns.pose_of]
-    settings = share / len(_SIZES), tolerance**2
+    most_across = max(_MOST_ACROSS, _SMEARED * tolerance)
+    settings = share / len(_SIZES), tolerance**2, most_across**2
     used = 0
     for size, shift in itertools.product(_SIZES, (0.0, 0.5)):  # what a border cuts is whole once
         order, starts = _by_cube(at / size + shift, returns.pose_of)
@@ -134,7 +137,10 @@ def _add(at, returns, starts, settings, matrix, gradient, height):
         if end - first < _LEAST_RETURNS or pose_of[first] == pose_of[end - 1]:
             continue
         part = at[first:end]
-        if _fit(part, settings[1], weights[: end - first], centre, spread, axes):
+        if _fit(
+            part, beams[first:end], pose_of[first:end], settings[1:], weights[: end - first],
+            centre, spread, axes,
+        ):  # fmt: skip
             _add_patch(
                 part, seen[first:end], beams[first:end], pose_of[first:end], is_contact[first:end],
                 centre, spread[0], axes, settings, matrix, gradient, height,
@@ -144,38 +150,70 @@ def _add(at, returns, starts, settings, matrix, gradient, height):
 
 
 @kernel
-def _fit(at, tolerance, weights, centre, spread, axes):
-    """Whether returns are of a steep patch; its centre, the axes (rows), the variances along them.
+def _fit(at, beams, pose_of, limits, weights, centre, spread, axes):
+    """Whether returns are of one patch; its centre, the axes (rows), the variances along them.
 
-    The first axis is the normal.
+    The first axis is the normal. A plane along which beams run is none that they can have seen: it
+    is a row at the height of a level laser, smeared by what poses err. Of rows the normal is that of
+    each pose's own line.
     """
+    tolerance, most_across = limits
+    own, is_row = np.empty((len(at), 3)), False
     weights[:] = 1.0
-    for _ in range(_FITS):
+    for fit in range(_FITS + 2):
         total = weights.sum()
         centre[:] = 0.0
         for i in range(len(at)):
             centre += weights[i] / total * at[i]
-        scatter = np.zeros((3, 3))
-        for i in range(len(at)):
-            for a in range(3):
-                for b in range(3):
-                    scatter[a, b] += (
-                        weights[i] / total * (at[i, a] - centre[a]) * (at[i, b] - centre[b])
-                    )
-        scatter[2, 2] += _ROW**2
-        values, columns = np.linalg.eigh(scatter)
-        spread[:], axes[:, :] = values, columns.T
+        if is_row:
+            _centres(at, pose_of, own)
+        else:
+            own[:] = centre
+        _axes(at, own, weights, spread, axes)
         for i in range(len(at)):
             distance = np.dot(axes[0], at[i] - centre)
             weights[i] = 1.0 / (1.0 + distance**2 / tolerance) ** 2
-    spread[0] -= (_ROW * axes[0, 2]) ** 2
-    spread[0] = max(spread[0], 0.0)
+        if fit == _FITS - 1:
+            sine = 0.0
+            for i in range(len(at)):
+                sine += weights[i] / total * abs(np.dot(axes[0], beams[i]))
+            is_row = sine < _PARALLEL
+            if not is_row:
+                break
+            weights[:] = 1.0
+    spread[0] = max(spread[0] - (_ROW * axes[0, 2]) ** 2, 0.0)
     return (
         total >= _LEAST_INLIERS * len(at)
-        and spread[0] <= _MOST_ACROSS**2
-        and spread[1] >= _LEAST_FLATNESS * spread[0]
-        and spread[2] >= _LEAST_LONG**2
+        and spread[0] <= most_across
+        and (is_row or spread[1] >= _LEAST_FLATNESS * spread[0])
+        and spread[2] >= max(_LEAST_LONG**2, _LEAST_FLATNESS * spread[0])
     )
+
+
+@inlined_kernel
+def _axes(at, centres, weights, spread, axes):
+    """Principal axes of returns about their centres, upright ones if they are a row."""
+    scatter, total = np.zeros((3, 3)), weights.sum()
+    for i in range(len(at)):
+        for a in range(3):
+            for b in range(3):
+                scatter[a, b] += (
+                    weights[i] / total * (at[i, a] - centres[i, a]) * (at[i, b] - centres[i, b])
+                )
+    scatter[2, 2] += _ROW**2
+    values, columns = np.linalg.eigh(scatter)
+    spread[:], axes[:, :] = values, columns.T
+
+
+@inlined_kernel
+def _centres(at, pose_of, centres):
+    """Of each return the mean of all of its pose."""
+    first = 0
+    for end in range(1, len(at) + 1):
+        if end == len(at) or pose_of[end] != pose_of[first]:
+            for a in range(3):
+                centres[first:end, a] = at[first:end, a].mean()
+            first = end
 
 
 @kernel
@@ -183,7 +221,7 @@ def _add_patch(  # noqa: PLR0913
     at, seen, beams, pose_of, is_contact, centre, across, axes, settings, matrix, gradient, height,
 ):  # fmt: skip
     """Hold returns to a patch whose offset and tilts are eliminated."""
-    share, tolerance = settings
+    share, tolerance, _ = settings
     poses = _count(pose_of)
     # The last one stands for what all poses have in common, of which the first is the height.
     common, of_pose = np.zeros((poses + 1, 6, 3)), np.zeros((poses + 1, 6))
