@@ -14,7 +14,8 @@ what a full turn shows from them covers the same share, ordered by 2-opt; it end
 defaults, over the same mapper, planner and controller.
 
 --drift runs it on drifting odometry, with localization in the map under construction
-(``localization.own_map``): errors of the pose, and F1 of the blocked transitions of the map.
+(``localization.own_map``): errors of the pose, and F1 of the blocked transitions of the map, after
+alignment with the truth.
 
 The directory (default: out/exploration) gets a JSON line for each run, and a picture of each.
 """
@@ -30,15 +31,16 @@ import numpy as np
 from nearest_frontier import NearestFrontier
 
 from heightmap25d_ros import se3
-from heightmap25d_ros.evaluation import trajectory_error
 from heightmap25d_ros.evaluation.map_error import evaluate_map
 from heightmap25d_ros.evaluation.path_drivability import evaluate_path
+from heightmap25d_ros.evaluation.trajectory_error import alignment, planar_errors
 from heightmap25d_ros.evaluation.truth import TrueGround, Truth
 from heightmap25d_ros.grid.height_map import Geometry
 from heightmap25d_ros.params import files
 from heightmap25d_ros.pipelines.exploration_task import Task
 from heightmap25d_ros.pipelines.localization import Localizer
 from heightmap25d_ros.planning.boundary import Boundary
+from heightmap25d_ros.pose_interpolation import interpolate
 from heightmap25d_ros.simulation import recording, truth
 from heightmap25d_ros.simulation.explored import SimulatedExploration
 from heightmap25d_ros.simulation.simulation import Simulation
@@ -133,21 +135,27 @@ class Run:
         return found
 
     def drift(self):
-        """Errors of the told poses, and of the map against the true heights."""
+        """Errors of the told poses, and of the map against the true heights.
+
+        Aligned is what is left after the shift and the yaw that bring the poses nearest to the
+        true ones: the frame of a robot's own map begins as its first scans were seen.
+        """
         record = self.explored.record
-        stamps, poses = zip(*record.told, strict=True)
-        true_stamps, true_poses = zip(*record.trajectory, strict=True)
-        error = trajectory_error.evaluate_trajectory(
-            np.array(stamps), np.array(poses), np.array(true_stamps), np.array(true_poses)
-        )
-        top, *_ = truth.Surface(self.world).heights(0.0)
+        stamps, told = (np.array(values) for values in zip(*record.told, strict=True))
+        true = interpolate(*map(np.array, zip(*record.trajectory, strict=True)), stamps)
+        T_world_map = alignment(told, true)
+        away = planar_errors(told, true)[:, 0]
+        left = planar_errors(T_world_map @ told, true)[:, 0]
         height_map, _ = self.explored.mapping.maps()
-        known = Truth(geometry=self.geometry, top=top, seen=top)
+        top = truth.tops_at(self.world, height_map.geometry, T_world_map)
+        known = Truth(geometry=height_map.geometry, top=top, seen=top)
         found = evaluate_map(height_map, self.params.traversability, known)
         return {
-            "pose_rmse_m": round(error.planar_rmse_m, 3),
-            "pose_largest_m": round(error.planar_max_m, 3),
-            "pose_end_m": round(error.final_position_m, 3),
+            "pose_end_m": round(away[-1], 3),
+            "aligned_rmse_m": round(float(np.sqrt(np.mean(left**2))), 3),
+            "aligned_largest_m": round(left.max(), 3),
+            "aligned_end_m": round(left[-1], 3),
+            "turned_deg": round(float(np.degrees(se3.yaw(T_world_map))), 2),
             "blocked_f1": round(found.blocked_transitions.f1 or 0.0, 4),
         }
 

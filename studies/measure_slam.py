@@ -30,6 +30,7 @@ import numpy as np
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.evaluation import map_error, truth
+from heightmap25d_ros.evaluation.trajectory_error import alignment, planar_errors
 from heightmap25d_ros.evaluation.truth import Truth
 from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.io import decode
@@ -217,16 +218,13 @@ def true_poses(bag: Bag) -> Poses:
 
 
 def error_of(trajectory: Sequence[tuple[int, se3.Matrix]], true: Poses) -> Error:
-    """Horn's alignment in the plane, as the ATE of the TUM benchmark; stamps that both have."""
+    """Of positions at stamps that both have, before and after alignment in the plane."""
     stamps = np.array([stamp for stamp, _ in trajectory])
     is_known = (stamps >= true[0][0]) & (stamps <= true[0][-1])
-    found = np.array([pose for _, pose in trajectory])[is_known][:, :2, 3]
-    expected = interpolate(*true, stamps[is_known])[:, :2, 3]
-    away = np.linalg.norm(found - expected, axis=1)
-    a, b = found - found.mean(axis=0), expected - expected.mean(axis=0)
-    turn = np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum())
-    cos, sin = np.cos(turn), np.sin(turn)
-    left = np.linalg.norm(a @ np.array([[cos, sin], [-sin, cos]]) - b, axis=1)
+    found = np.array([pose for _, pose in trajectory])[is_known]
+    expected = interpolate(*true, stamps[is_known])
+    away = planar_errors(found, expected)[:, 0]
+    left = planar_errors(alignment(found, expected) @ found, expected)[:, 0]
     return Error(
         rmse=float(np.sqrt(np.mean(away**2))), end=float(away[-1]),
         aligned=float(np.sqrt(np.mean(left**2))), aligned_max=float(left.max()),

@@ -80,6 +80,25 @@ def evaluate_trajectory(
     )
 
 
+def alignment(poses: se3.Matrix, truth: se3.Matrix) -> se3.Matrix:
+    """The shift and the yaw (4, 4) that bring positions of poses nearest to the true ones.
+
+    Horn's closed form in the plane, as for the ATE of the TUM benchmark (Sturm et al., 2012); z is
+    shifted by the mean difference.
+
+    Parameters
+    ----------
+    poses, truth : (N, 4, 4) float64
+        Of the same moments.
+    """
+    mean, true_mean = poses[:, :3, 3].mean(axis=0), truth[:, :3, 3].mean(axis=0)
+    a, b = (poses[:, :3, 3] - mean)[:, :2], (truth[:, :3, 3] - true_mean)[:, :2]
+    turn = np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum())
+    T = se3.from_xyz_rpy([0.0, 0.0, 0.0, 0.0, 0.0, float(turn)])
+    T[:3, 3] = true_mean - T[:3, :3] @ mean
+    return T
+
+
 def planar_errors(poses: se3.Matrix, truth: se3.Matrix) -> NDArray[np.float64]:
     """(N, 3): of each pose the distance in x and y [m], error of z [m], error of the yaw [deg]."""
     offset = poses[:, :3, 3] - truth[:, :3, 3]

@@ -103,13 +103,16 @@ class SearchResult(Registration):
     candidates : tuple of Candidate
         The best pose first, then the distinct ones that noise or ``max_search_ratio`` do not tell
         from it, at most 32. More than one: ambiguous.
+    has_found_all : bool
+        Whether all places that may be as good were found; the best eight are looked at closely.
     is_complete : bool
-        Whether these are all.
+        Whether these are all: there were no more than eight, either.
     nodes : int
         Number of bounds that it took.
     """
 
     candidates: tuple[Candidate, ...] = ()
+    has_found_all: bool = False
     is_complete: bool = False
     nodes: int = 0
 
@@ -395,7 +398,8 @@ class GlobalSearch(SlicedSearch[SearchResult]):
             reason=reason, offset=best.offset, z=best.z + found.z, information=np.zeros((3, 3)),
             known=found.known, overlap=found.overlap, residual=found.residual,
             ratio=best.score / fine[1].score if len(fine) > 1 else 0.0, points=count,
-            candidates=as_good, is_complete=is_complete, nodes=self._nodes,
+            candidates=as_good, has_found_all=self._has_found_all, is_complete=is_complete,
+            nodes=self._nodes,
         )  # fmt: skip
 
 

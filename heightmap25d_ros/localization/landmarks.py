@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from heightmap25d_ros.arrays import Array
-from heightmap25d_ros.grid.height_map import HeightMap
+from heightmap25d_ros.grid.height_map import Geometry, HeightMap
 from heightmap25d_ros.localization.ground_planes import fit_planes
 from heightmap25d_ros.localization.layers import LayerMap
 from heightmap25d_ros.localization.surface import NEAR
@@ -25,20 +25,26 @@ _LEAST_RETURNS = 2  # of ground or wall in a cell; one alone may be a phantom
 _MOST_THICKNESS = 0.025  # [m] standard deviation across a wall; the top of a box has 0.036
 _MOST_ROUGHNESS = 0.06  # [m] rms about a plane, above which it is no ground to hold on to
 _AROUND = 5  # [cells] side of a cell's surroundings
-_UNKNOWN = np.float32(1e6)  # [m] lowest ground where there is none
+_BORDER = 4
+"""Unknown cells around the map: returns of a wall at its edge fall beside it, and walls are looked
+for two cells around each."""
+_UNKNOWN = 1e6  # [m] lowest ground where there is none
+_MAP = np.s_[_BORDER:-_BORDER, _BORDER:-_BORDER]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Landmarks:
-    """What returns are held against.
+    """What returns are held against: the cells of a map, with a border of unknown ones.
 
     Attributes
     ----------
     lowest : (rows, columns) float32 [m]
         The lowest ground within two cells.
     is_near : (rows, columns) bool
-        Whether a known cell is at most `surface.NEAR` cells away. The map can tell nothing of what
-        lies farther out: lasers may see beyond it.
+        The cells of the map of which a known one is at most `surface.NEAR` cells away. It can tell
+        nothing of what lies farther out: lasers may see beyond it.
+    is_open : (rows, columns) bool
+        Where the map tells that nothing stands but its walls: anything else contradicts it.
     wall_of, plane_of : (rows, columns) int32
         Row of a cell in the tables; -1: none.
     walls : (K, 9) float64
@@ -53,6 +59,7 @@ class Landmarks:
 
     lowest: NDArray[np.float32]
     is_near: NDArray[np.bool_]
+    is_open: NDArray[np.bool_]
     wall_of: NDArray[np.int32]
     plane_of: NDArray[np.int32]
     walls: Array
@@ -60,11 +67,21 @@ class Landmarks:
     origin: tuple[float, float]
     resolution: float
 
+    @property
+    def geometry(self) -> Geometry:
+        """Of all cells."""
+        return Geometry(resolution=self.resolution, origin=self.origin, shape=self.lowest.shape)
+
+    @property
+    def is_wall(self) -> NDArray[np.bool_]:
+        """The cells (rows, columns) of the map, without the border, in which something stands."""
+        return np.asarray(self.wall_of[_MAP] >= 0)
+
     def arrays(self) -> tuple[Any, ...]:
         """All of it, as the kernels take it."""
         return (
             self.lowest, self.wall_of, self.plane_of, self.walls, self.planes,
-            self.origin[0], self.origin[1], 1.0 / self.resolution, self.is_near,
+            self.origin[0], self.origin[1], 1.0 / self.resolution, self.is_near, self.is_open,
         )  # fmt: skip
 
 
@@ -72,9 +89,9 @@ def sample_landmarks() -> Landmarks:
     """One wall in 8 x 8 cells of 1 m: something to compile kernels with."""
     nothing = np.full((8, 8), -1, np.int32)
     return Landmarks(
-        lowest=np.zeros((8, 8), np.float32), is_near=np.ones((8, 8), bool), wall_of=nothing,
-        plane_of=nothing, walls=np.zeros((1, 9)), planes=np.zeros((1, 5)), origin=(0.0, 0.0),
-        resolution=1.0,
+        lowest=np.zeros((8, 8), np.float32), is_near=np.ones((8, 8), bool),
+        is_open=np.ones((8, 8), bool), wall_of=nothing, plane_of=nothing, walls=np.zeros((1, 9)),
+        planes=np.zeros((1, 5)), origin=(0.0, 0.0), resolution=1.0,
     )  # fmt: skip
 
 
@@ -85,11 +102,11 @@ def landmarks_of(height_map: HeightMap, layers: LayerMap) -> Landmarks:
     is_standing = _standing(layers, is_seen)
     is_low = is_seen & ~is_standing
     height = np.where(is_low, layers.ground_height, _UNKNOWN).astype(np.float32)
-    lowest = ndimage.minimum_filter(height, _AROUND, mode="nearest")
-    is_above = is_standing | (is_low & (height > lowest + ELEVATED))
+    lowest = ndimage.minimum_filter(bordered(height, _UNKNOWN), _AROUND, mode="nearest")
+    is_above = is_standing | (is_low & (height > lowest[_MAP] + ELEVATED))
     tops = height_map.metres
     count, places = _elevated_places(layers, is_above)
-    is_high = is_standing | (tops > lowest + ELEVATED)
+    is_high = is_standing | (tops > lowest[_MAP] + ELEVATED)
     is_wall = (count >= _LEAST_RETURNS) & height_map.known & is_high
     is_face = is_wall & (_thickness(layers) <= _MOST_THICKNESS**2)
     cells, lines = fit_lines(places, np.where(is_face, count, 0.0), geometry.resolution)
@@ -105,14 +122,22 @@ def landmarks_of(height_map: HeightMap, layers: LayerMap) -> Landmarks:
     is_smooth = planes[:, 3] <= _MOST_ROUGHNESS
     return Landmarks(
         lowest=lowest,
-        is_near=ndimage.maximum_filter(height_map.known, 2 * NEAR + 1, mode="constant"),
+        is_near=bordered(
+            ndimage.maximum_filter(height_map.known, 2 * NEAR + 1, mode="constant"), False
+        ),
+        is_open=lowest < _UNKNOWN,
         wall_of=_indexed(geometry.shape, cells),
         plane_of=_indexed(geometry.shape, plane_cells[is_smooth]),
         walls=np.ascontiguousarray(walls),
         planes=np.ascontiguousarray(planes[is_smooth]),
-        origin=geometry.origin,
+        origin=tuple(geometry.cell_corner((-_BORDER, -_BORDER)).tolist()),
         resolution=geometry.resolution,
     )
+
+
+def bordered(cells: NDArray[Any], outside: float) -> NDArray[Any]:
+    """The cells (rows, columns) of a map as `Landmarks` has them: with a border of a value."""
+    return np.pad(cells, _BORDER, constant_values=outside)
 
 
 def _standing(layers: LayerMap, is_seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -150,6 +175,7 @@ def _thickness(layers: LayerMap) -> Array:
 
 
 def _indexed(shape: tuple[int, int], cells: NDArray[np.int64]) -> NDArray[np.int32]:
-    index = np.full(shape, -1, np.int32)
-    index[tuple(cells.T)] = np.arange(len(cells))
+    """(rows, columns) with the border: row of each cell in a table; -1: none."""
+    index = bordered(np.full(shape, -1, np.int32), -1)
+    index[tuple(cells.T + _BORDER)] = np.arange(len(cells))
     return index

@@ -94,6 +94,7 @@ def joined(results: Sequence[SearchResult], params: RegistrationParams) -> Searc
         best,
         reason=reason,
         candidates=tuple(as_good),
+        has_found_all=all(result.has_found_all for result in found),
         is_complete=all(result.is_complete for result in found),
         nodes=nodes,
     )

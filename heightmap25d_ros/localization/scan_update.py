@@ -58,6 +58,8 @@ class Update(NamedTuple):
         Returns of which the map can tell whether they agree.
     agreeing : int
         Of these, the ones within 0.1 m of wall or ground.
+    contradicted : int
+        Of these, the ones of something that stands where the map has nothing.
     residual : float [m]
         Their mean distance from these, at most 0.1 m each.
     """
@@ -67,6 +69,7 @@ class Update(NamedTuple):
     near_known: int
     over_known: int
     agreeing: int
+    contradicted: int
     residual: float
 
 
@@ -159,10 +162,7 @@ def _associated(x, y, z, cells):
         return _NOTHING
     ix, iy = int(u), int(v)
     ground = lowest[iy, ix]
-    if ground > _NO_GROUND:
-        # A map of level lasers: what it has not seen may be there all the same.
-        return max(_wall_near(x, y, z, ix, iy, cells), _NOTHING)
-    if z > ground + ELEVATED:
+    if ground > _NO_GROUND or z > ground + ELEVATED:
         return _wall_near(x, y, z, ix, iy, cells)
     k = cells[2][iy, ix]
     if k < 0:
@@ -184,7 +184,7 @@ def _wall_near(x, y, z, ix, iy, cells):
                 if squared < best:
                     nearest, best = k, squared
     if nearest < 0:
-        return _CONTRADICTED
+        return _CONTRADICTED if cells[9][iy, ix] else _NOTHING
     is_line = walls[nearest, 2] == walls[nearest, 2]
     return 2 * nearest if is_line and z < walls[nearest, 8] + _ABOVE_TOP else _NOTHING
 
@@ -319,7 +319,7 @@ def _agreement(at, codes, position, cells):
     """The counts of `Update`, and the mean distance [m]."""
     corner_x, corner_y, per_metre, is_near = cells[5], cells[6], cells[7], cells[8]
     rows, columns = is_near.shape
-    near = known = agreeing = 0
+    near = known = agreeing = contradicted = 0
     total = 0.0
     for i in range(len(codes)):
         u = (position[0] + at[i, 0] - corner_x) * per_metre
@@ -331,9 +331,11 @@ def _agreement(at, codes, position, cells):
         distance = FIT
         if codes[i] >= 0:
             distance = abs(_distance(codes[i], at[i], position, cells))
+        else:
+            contradicted += 1
         agreeing += distance < FIT
         total += min(distance, FIT)
-    return near, known, agreeing, total / max(known, 1)
+    return near, known, agreeing, contradicted, total / max(known, 1)
 
 
 @inlined_kernel

@@ -166,7 +166,7 @@ def garage(rng: np.random.Generator) -> World:
         floor(),
         box(deck_x, deck_y, (rise - slab, rise), is_overhead=True),
         box((head, deck_x[1]), lane_y, (rise - slab, rise), is_overhead=True),
-        ramp((foot, head), lane_y, (0.0, rise), thickness=slab),
+        ramp((foot, head), lane_y, (0.0, rise), thickness=3.0),
         box((foot + 3.0, head), (deck_y[0] - 0.12, deck_y[0] + 0.08), (0.0, rise + 0.7)),
         box((deck_x[0] - 0.2, deck_x[1]), (lane_y[0] - 0.2, lane_y[0]), (-0.5, rise + 0.7)),
         *_parapet(deck_x, deck_y, rise, lane_y[0]),

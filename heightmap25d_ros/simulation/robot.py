@@ -90,14 +90,6 @@ class Robot:
         """(N,) [m]: surface at points of the robot, including objects too low to pass below."""
         return self._scene.heights(_placed(points, xy, yaw), below=self.T[2, 3] + HEIGHT)
 
-    def _around(self, xy: Array, yaw: float) -> Array:
-        """(N,) [m]: surface along the outline, including solids taller than the robot."""
-        points = _placed(_OUTLINE, xy, yaw)
-        limit = self.T[2, 3] + HEIGHT
-        solid = self._scene.heights(points, with_overhead=False)
-        # Rays that begin inside of a solid do not see it.
-        return np.where(solid > limit, solid, self._scene.heights(points, below=limit))
-
     def _is_too_high(self, tyres: Array, xy: Array, yaw: float) -> bool:
         if not np.isfinite(tyres).all() or np.abs(np.diff(tyres, axis=1)).max() > MAX_STEP:
             return True
@@ -106,7 +98,8 @@ class Robot:
             return True
         ahead, aside = _slopes(contacts)
         plane = contacts.mean() + _OUTLINE @ np.array([ahead, aside])
-        return bool((self._around(xy, yaw) - plane).max() > CLEARANCE)
+        outline = _placed(_OUTLINE, xy, yaw)
+        return bool(self._scene.meets(outline, plane + CLEARANCE, plane + HEIGHT).any())
 
     def _settle(self, contacts: Array) -> None:
         """Fit the plane of base_link to the contacts, by least squares."""

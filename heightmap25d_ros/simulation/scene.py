@@ -40,7 +40,9 @@ class Solid:
     pitch, yaw : float [rad]
         The pitch is applied first.
     is_overhead : bool
-        Whether it can be passed below: a lintel, a ceiling, an upper deck.
+        Whether it hangs, and can be passed below where that is high enough: a lintel, a ceiling,
+        an upper deck. All other solids are complete from the ground up: the robot and the ground
+        truth look for no gap below them, which beams would see.
     """
 
     kind: str
@@ -73,7 +75,10 @@ def cylinder(x: float, y: float, radius: float, z: Span) -> Solid:
 
 
 def ramp(x: Span, y: Span, z: Span, *, thickness: float) -> Solid:
-    """A plate whose top goes from ``z[0]`` at ``x[0]`` to ``z[1]`` at ``x[1]``."""
+    """A plate whose top goes from ``z[0]`` at ``x[0]`` to ``z[1]`` at ``x[1]``.
+
+    Complete from the ground up only if its thickness reaches down to the ground everywhere.
+    """
     run, rise = x[1] - x[0], z[1] - z[0]
     length = hypot(run, rise)
     half = thickness / 2
@@ -148,8 +153,8 @@ class Scene:
         self._data = mujoco.MjData(self._model)
         self._movers = tuple(movers)
         self._first_moving = self._model.ngeom - len(movers)
-        self._no_overhead = np.ones(6, np.uint8)
-        self._no_overhead[_OVERHEAD_GROUP] = 0
+        self._overhead = (np.arange(6) == _OVERHEAD_GROUP).astype(np.uint8)
+        self._no_overhead = 1 - self._overhead
         self._geom = np.zeros(1, np.int32)
         self.set_time(0.0)
 
@@ -201,6 +206,19 @@ class Scene:
                 self._model, self._data, origin, down, group, 1, -1, self._geom
             )
         return np.where(found < 0.0, -np.inf, below - found)
+
+    def meets(self, points: Array, low: Array, high: Array) -> NDArray[np.bool_]:
+        """(N,): whether anything is at points (N, 2) between heights ``low`` and ``high`` [m]."""
+        up, normal = np.array([0.0, 0.0, 1.0]), np.zeros(3)
+        origins = np.column_stack([points, low])
+        hangs = np.empty(len(origins), np.bool_)
+        for index, (origin, room) in enumerate(zip(origins, high - low, strict=True)):
+            distance = mujoco.mj_ray(
+                self._model, self._data, origin, up, self._overhead, 1, -1, self._geom, normal
+            )
+            # The first face of a ray that begins inside of a solid is the one by which it leaves.
+            hangs[index] = distance >= 0.0 and (distance < room or normal[2] > 0.0)
+        return np.asarray(hangs | (self.heights(points, with_overhead=False) > low))
 
     def undersides(self, points: ArrayLike, above: ArrayLike) -> Array:
         """(N,) [m]: lowest surface at points (N, 2) above heights (N,) [m]; infinite: none."""

@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
+from heightmap25d_ros.grid.height_map import Geometry
 from heightmap25d_ros.simulation import goals
 from heightmap25d_ros.simulation.robot import HEIGHT
 from heightmap25d_ros.simulation.simulation import Simulation
@@ -190,10 +192,7 @@ class Surface:
         """
         scene = self._world.scene()
         scene.set_time(seconds)
-        fractions = np.linspace(_BORDER, RESOLUTION - _BORDER, _SAMPLES)
-        x = (self.origin[0] + RESOLUTION * np.arange(self.shape[1])[:, None] + fractions).ravel()
-        y = (self.origin[1] + RESOLUTION * np.arange(self.shape[0])[:, None] + fractions).ravel()
-        points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        points = _sampled(Geometry(resolution=RESOLUTION, origin=self.origin, shape=self.shape))
         top = scene.heights(points)
         ground, clearance = top, np.full(len(points), np.inf)
         if any(solid.is_overhead for solid in self._world.solids):
@@ -208,15 +207,10 @@ class Surface:
         Exact for boxes wider than 2 cm, and within 1 cm on slopes of up to 60 degrees.
         """
         return (
-            self._over(top, np.maximum),
-            self._over(ground, np.maximum),
-            self._over(clearance, np.minimum),
+            _over_cells(top, self.shape, np.maximum),
+            _over_cells(ground, self.shape, np.maximum),
+            _over_cells(clearance, self.shape, np.minimum),
         )
-
-    def _over(self, samples: Array, extreme: np.ufunc) -> Array:
-        rows, columns = self.shape
-        by_cell = samples.reshape(rows, _SAMPLES, columns, _SAMPLES)
-        return np.asarray(extreme.reduce(by_cell, axis=(1, 3)))
 
     def _removed(self, seconds: float) -> Array:
         """(rows, columns) [s]: time at which a cell's mover was removed; NaN: never."""
@@ -232,3 +226,47 @@ class Surface:
             high = self._cells(np.array([[*(np.array(present[0][:2]) + half), 0.0]]))[0]
             removed[low[0] : high[0] + 1, low[1] : high[1] + 1] = times[len(present)]
         return removed
+
+
+def tops_at(world: World, geometry: Geometry, T_world_map: se3.Matrix) -> Array:
+    """What the cells of a map would hold that lies in the world at a planar pose.
+
+    Parameters
+    ----------
+    world : World
+        As it is at the beginning.
+    geometry : Geometry
+    T_world_map : (4, 4) float64
+        A shift, and a turn by a yaw.
+
+    Returns
+    -------
+    (rows, columns) float64 [m, map]
+        Highest points over the cells; NaN where one is not all within the world.
+    """
+    scene = world.scene()
+    scene.set_time(0.0)
+    points = _sampled(geometry)
+    points = points @ T_world_map[:2, :2].T + T_world_map[:2, 3]
+    low, high = np.transpose(world.area)
+    tops = np.full(len(points), np.nan)
+    is_inside = ((points >= low) & (points <= high)).all(axis=1)
+    tops[is_inside] = scene.heights(points[is_inside]) - T_world_map[2, 3]
+    return _over_cells(tops, geometry.shape, np.maximum)
+
+
+def _sampled(geometry: Geometry) -> Array:
+    """(rows * 8 * columns * 8, 2) [m]: 8 x 8 points of each cell, the outermost 1 mm within it."""
+    fractions = np.linspace(_BORDER, geometry.resolution - _BORDER, _SAMPLES)
+    y, x = (
+        (begin + geometry.resolution * np.arange(count)[:, None] + fractions).ravel()
+        for begin, count in zip(geometry.origin[::-1], geometry.shape, strict=True)
+    )
+    return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+
+
+def _over_cells(samples: Array, shape: tuple[int, int], extreme: np.ufunc) -> Array:
+    """The extreme (rows, columns) of the samples of each cell."""
+    rows, columns = shape
+    by_cell = samples.reshape(rows, _SAMPLES, columns, _SAMPLES)
+    return np.asarray(extreme.reduce(by_cell, axis=(1, 3)))

@@ -30,7 +30,7 @@ WINDOW, _OVERLAP = 400, 120
 _STEPS, _CONVERGED = 24, 1e-3  # Gauss-Newton steps at most; [m] rms of the last one
 _FIRST_TOLERANCE, _NARROWING, _LAST_TOLERANCE = 1.0, 0.75, 0.04  # [m] from a patch
 _FOLLOWS = 10.0  # of the last step is the tolerance at most: where little moves it is soon narrow
-_LEAST_SLIP = 0.2  # standard deviation per distance, of slip that may be rather than that is usual
+_FIRST_SLIP = 0.2  # standard deviation per distance, until it is known how much wheels have slipped
 _REACH = 16.0  # [m] in the plane, from the robot to returns that are used
 _START = (1e-3, 1e-3, 1e-3, 1e-3)  # [m], [m], [rad], [m] deviation of the first pose
 _RADIAN = 0.5  # [m] of distance that turning by a radian drifts like
@@ -40,6 +40,7 @@ _TILT_LENGTH = 0.3  # [m] over which errors of roll and pitch persist
 _X, _Y, _YAW, _Z, _ROLL, _PITCH, _SLIP = range(STATES)
 _MOVED = [_X, _Y, _Z]
 _HEIGHT, _SCALE, _TURN_SCALE, _BIAS = range(4)  # what all poses have in common; the others: unused
+_POSE = np.array([_X, _Y, _YAW, _Z])
 
 
 class Keyframe(NamedTuple):
@@ -73,14 +74,20 @@ class Refined(NamedTuple):
         Of the odometry's frame: shifted, and turned by a yaw.
     tilts : (K, 2) float64 [rad]
         About the axes x and y of the map, to be added to roll and pitch of the robot.
+    covariances : (M - 1, 4, 4) float64
+        Of x, y, yaw, z of each of M marked keyframes, as seen from the one before.
     """
 
     T_map_odom: se3.Matrix
     tilts: Array
+    covariances: Array
 
 
 def refined(
-    keyframes: Sequence[Keyframe], T_map_odom: se3.Matrix, params: ScanFilterParams
+    keyframes: Sequence[Keyframe],
+    T_map_odom: se3.Matrix,
+    params: ScanFilterParams,
+    marks: Sequence[int] = (),
 ) -> Refined:
     """Refine all keyframes together.
 
@@ -91,17 +98,24 @@ def refined(
     T_map_odom : (K, 4, 4) float64
         Where the odometry's frame is thought to be; the first one stays.
     params : ScanFilterParams
+    marks : sequence of int, optional
+        Numbers of keyframes, in order, for `Refined.covariances`; no two far apart.
     """
     found, tilts = T_map_odom.copy(), np.zeros((len(keyframes), 2))
+    pairs = np.column_stack([marks[:-1], marks[1:]]).astype(np.int64)
+    covariances = np.zeros((len(pairs), 4, 4))
     last = max(len(keyframes) - WINDOW, 0)
     for begin in [*range(0, last, WINDOW - _OVERLAP), last]:
         part = np.s_[begin : begin + WINDOW]
-        moved = _Stretch(keyframes[part], T_map_odom[part], params).solved()
+        stretch = _Stretch(keyframes[part], T_map_odom[part], params)
+        moved = stretch.solved()
         skipped = _OVERLAP // 2 if begin else 0
         kept = np.s_[begin + skipped : begin + WINDOW]
         joint = found[begin + skipped] @ se3.inverse(moved.T_map_odom[skipped])
         found[kept], tilts[kept] = joint @ moved.T_map_odom[skipped:], moved.tilts[skipped:]
-    return Refined(found, tilts)
+        inside = (pairs[:, 1] >= begin + skipped) & (pairs[:, 1] < begin + WINDOW)
+        covariances[inside] = stretch.covariances(np.maximum(pairs[inside] - begin, 0))
+    return Refined(found, tilts, covariances)
 
 
 class _Steps(NamedTuple):
@@ -139,8 +153,8 @@ def _returns_of(
     beams = seen - origins
     beams /= np.maximum(np.linalg.norm(beams, axis=1), 1e-6)[:, None]
     is_near = np.hypot(seen[:, 0], seen[:, 1]) < _REACH
-    kept = [part[is_near] for part in (seen, beams, pose_of)]
-    return Returns(*kept, np.zeros(len(kept[0]), np.bool_))
+    is_contact = np.zeros(len(seen), np.bool_)
+    return Returns(*(part[is_near] for part in (seen, beams, pose_of, is_contact)))
 
 
 class _Stretch:
@@ -150,7 +164,7 @@ class _Stretch:
         self, keyframes: Sequence[Keyframe], T_map_odom: se3.Matrix, params: ScanFilterParams
     ) -> None:
         self._params, self._T_map_odom = params, T_map_odom
-        self._slip = max(params.slip, _LEAST_SLIP)
+        self._slip = max(params.slip, _FIRST_SLIP)
         T_odom_base = np.array([keyframe.T_odom_base for keyframe in keyframes])
         self._T_map_base = T_map_odom @ T_odom_base
         self._steps = _Steps.of(T_odom_base)
@@ -169,14 +183,48 @@ class _Stretch:
             if tolerance == _LAST_TOLERANCE and moved < _CONVERGED:
                 break
             tolerance = max(min(_NARROWING * tolerance, _FOLLOWS * moved), _LAST_TOLERANCE)
+            if tolerance == _LAST_TOLERANCE:
+                slipped = float(np.sqrt(np.mean(np.square(self._errors[:, _SLIP]))))
+                self._slip = max(self._params.slip, slipped)
         T_map_odom = [
             se3.correction_about(pose, error[_MOVED], error[_YAW]) @ T
             for pose, error, T in zip(self._T_map_base, self._errors, self._T_map_odom, strict=True)
         ]
-        return Refined(np.array(T_map_odom), self._errors[:, [_ROLL, _PITCH]])
+        return Refined(np.array(T_map_odom), self._errors[:, [_ROLL, _PITCH]], np.empty((0, 4, 4)))
+
+    def covariances(self, pairs: NDArray[np.int64]) -> Array:
+        """(P, 4, 4) of x, y, yaw, z of the second of each pair (P, 2), as seen from the first."""
+        found = np.zeros((len(pairs), 4, 4))
+        if not len(pairs):
+            return found
+        matrix = self._equations(_LAST_TOLERANCE).matrix
+        factor = linalg.cho_factor(matrix, overwrite_a=True, check_finite=False)
+        yaw = se3.to_xyz_rpy(self._T_map_base)[:, 5] + self._errors[:, _YAW]
+        xy = self._T_map_base[:, :2, 3] + self._errors[:, :2]
+        for k, (first, second) in enumerate(pairs):
+            cos, sin = np.cos(yaw[first]), np.sin(yaw[first])
+            turn = np.eye(4)
+            turn[:2, :2] = [[cos, sin], [-sin, cos]]
+            lever = np.zeros((4, 4))
+            lever[:2, _YAW] = np.array([[-sin, cos], [-cos, -sin]]) @ (xy[second] - xy[first])
+            of_states = np.zeros((len(matrix), 4))
+            of_states[STATES * first + _POSE] += (lever - turn).T
+            of_states[STATES * second + _POSE] += turn.T
+            found[k] = of_states.T @ linalg.cho_solve(factor, of_states, check_finite=False)
+        return found
 
     def _step(self, tolerance: float) -> Array:
         """Take one step; what was added to the states (K, 7)."""
+        equations = self._equations(tolerance)
+        factor = linalg.cho_factor(equations.matrix, overwrite_a=True, check_finite=False)
+        step = -linalg.cho_solve(factor, equations.gradient)
+        of_poses, of_constants = np.split(step, [self._errors.size])
+        self._constants += of_constants
+        self._errors += of_poses.reshape(self._errors.shape)
+        return np.asarray(of_poses.reshape(self._errors.shape))
+
+    def _equations(self, tolerance: float) -> NormalEquations:
+        """Of the states and the constants of the odometry."""
         size = self._errors.size + len(self._constants)
         equations = NormalEquations(np.zeros((size, size)), np.zeros(size))
         share = 1.0 / self._params.returns_per_information
@@ -184,12 +232,7 @@ class _Stretch:
         add_patches(self._seen(), positions, share, tolerance, equations)
         self._add_odometry(positions, equations)
         self._add_priors(equations)
-        factor = linalg.cho_factor(equations.matrix, overwrite_a=True, check_finite=False)
-        step = -linalg.cho_solve(factor, equations.gradient)
-        of_poses, of_constants = np.split(step, [self._errors.size])
-        self._constants += of_constants
-        self._errors += of_poses.reshape(self._errors.shape)
-        return np.asarray(of_poses.reshape(self._errors.shape))
+        return equations
 
     def _seen(self) -> Returns:
         """The returns as the robot sees them from poses as they are now."""
@@ -200,9 +243,10 @@ class _Stretch:
             (cos * part[:, 0] - sin * part[:, 1], sin * part[:, 0] + cos * part[:, 1], part[:, 2])
             for part in (self._returns.seen, self._returns.beams)
         )
-        seen = x + lower * u, y + lower * v, z + lower * w + error[:, _ROLL] * y - error[:, _PITCH] * x
+        tilted = z + error[:, _ROLL] * y - error[:, _PITCH] * x
         return self._returns._replace(
-            seen=np.column_stack(seen), beams=np.column_stack([u, v, w])
+            seen=np.column_stack([x + lower * u, y + lower * v, tilted + lower * w]),
+            beams=np.column_stack([u, v, w]),
         )
 
     def _add_odometry(self, positions: Array, equations: NormalEquations) -> None:

@@ -3,29 +3,34 @@
 """Whether the robot is where it has been before: a search of older submaps, and its proof.
 
 The robot's surroundings are searched in older submaps, as far around the expected pose as the drift
-may have led it, by the search that finds every place that fits (`global_search`). A pose counts if
-no other one is as good, and if the returns of the last metres agree with walls and ground there
-(`scan_update`), which also measure it to centimetres. One such pose may still be chance: it is
-joined when the next search, some metres on, finds the same drift.
+may have led it, by the search that finds every place that fits (`global_search`). At each of them
+the returns of the last metres are held against walls and ground (`scan_update`), which measures the
+pose to centimetres, and the surroundings against the older ones as two maps are
+(`map_registration`): what the robot sees standing where there was free ground speaks against a
+place, however much of it agrees. So does what stood there and is not seen. That matters most where
+the robot is on ground that it has not seen before, since then it is at none of the places found.
+
+A place counts if it is the only one that fits: the others must be ruled out by what was seen, and
+not by their rank. One such place may still be chance: it is joined when another search, some metres
+on, finds the same drift. Those between them may find other places too, but not without it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
-from heightmap25d_ros.localization.global_search import GlobalSearch, Prior
-from heightmap25d_ros.localization.landmarks import Landmarks, landmarks_of
-from heightmap25d_ros.localization.matching import RegistrationPoints
+from heightmap25d_ros.localization.global_search import Candidate, GlobalSearch, Prior
 from heightmap25d_ros.localization.registration import Reason
 from heightmap25d_ros.localization.scan_update import Update, update_by_returns
 from heightmap25d_ros.localization.sliced_search import SlicedSearch
-from heightmap25d_ros.localization.surface import edges, surface_of
 from heightmap25d_ros.params.sections import Params
+from heightmap25d_ros.slam.map_registration import AS_GOOD, LEAST_SCORE, RegisteredMap, agreement
 from heightmap25d_ros.slam.own_map import surroundings
 from heightmap25d_ros.slam.submaps import MappedCells
 
@@ -34,6 +39,7 @@ _LEAST_AGREEING = 0.75  # share of the returns over known places that must agree
 _MOST_RESIDUAL = 0.04  # [m] mean distance from walls and ground, of at most 0.1 m each
 _NEAR = np.square([0.1, 0.1, 0.03, 0.1])  # variances about a pose that was found
 _FLOOR = np.diag(np.square([0.02, 0.02, 0.005, 0.02]))  # of a loop: submaps are not quite rigid
+_CONTRADICTION = 40.0  # cells of walls that agree, for each that stands where nothing was
 _LEAST_KNOWN = 0.5  # share of the returns near known places of which the map must tell something
 _SAME_PLACE, _SAME_YAW = 0.2, 0.05  # [m], [rad] between the drifts that two searches find
 
@@ -45,14 +51,14 @@ class Query:
     Attributes
     ----------
     T_map_base : (4, 4) float64
-    points : RegistrationPoints
-        Cells of its surroundings, about the robot.
+    surroundings : RegisteredMap
+        Of the robot, as it has seen them last.
     returns : (N, 3) float64 [m]
         Returns of the last metres, seen from the robot along the axes of the map.
     """
 
     T_map_base: se3.Matrix
-    points: RegistrationPoints
+    surroundings: RegisteredMap
     returns: Array
 
 
@@ -68,11 +74,14 @@ class Found:
         What moves the present map to where the older one has the same; map.
     covariance : (4, 4) float64
         Of x, y, yaw, z of the robot, as it was found in these.
+    possible : tuple of (4, 4) float64
+        All drifts that this search does not rule out.
     """
 
     reason: Reason
     drift: se3.Matrix
     covariance: Array
+    possible: tuple[se3.Matrix, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,22 +116,14 @@ def query_of(
     params: Params,
 ) -> Query:
     """The robot at a pose (4, 4) in the last submaps, with returns (N, 3) [m, map] of moments."""
-    position, resolution = T_map_base[:3, 3], params.grid.resolution
-    height_map, layers = surroundings(recent, position, _QUERY_REACH, resolution)
-    heights = height_map.metres.astype(np.float32)
-    is_edge = edges(heights, params.registration.edge_step)
-    known = height_map.known
-    use_elevated = layers.elevated_count > 0
-    offset_x = np.where(use_elevated, layers.elevated_x, layers.ground_x)[known]
-    offset_y = np.where(use_elevated, layers.elevated_y, layers.ground_y)[known]
-    centres = height_map.geometry.cell_center(np.argwhere(known))
-    xy = centres + np.column_stack([offset_x, offset_y]) - position[:2]
-    points = RegistrationPoints(
-        np.ascontiguousarray(np.column_stack([xy, heights[known]]), np.float64),
-        is_edge[known], np.ones(len(xy)), (float(position[0]), float(position[1])),
-    )  # fmt: skip
+    position = T_map_base[:3, 3]
+    found = surroundings(recent, position, _QUERY_REACH, params.grid.resolution)
     seen = np.concatenate(returns) - position if returns else np.empty((0, 3))
-    return Query(T_map_base=T_map_base, points=points, returns=seen)
+    return Query(
+        T_map_base=T_map_base,
+        surroundings=RegisteredMap(*found, params, is_growing=True),
+        returns=seen,
+    )
 
 
 class LoopSearch(SlicedSearch[Found]):
@@ -153,54 +154,96 @@ class LoopSearch(SlicedSearch[Found]):
     def _run(self) -> Iterator[Found | None]:
         query, params = self._query, self._params
         T_map_base, reach = query.T_map_base, params.slam.reach + self._prior.radius
-        height_map, layers = surroundings(
-            self._submaps, T_map_base[:3, 3], reach, params.grid.resolution
-        )
+        found_around = surroundings(self._submaps, T_map_base[:3, 3], reach, params.grid.resolution)
+        older = RegisteredMap(*found_around, params, is_growing=True)
         yield None
-        surface = surface_of(height_map, params.registration.edge_step)
+        points = query.surroundings.piece(T_map_base[:3, 3], _QUERY_REACH)
+        search = GlobalSearch(points, older.surface, params.registration, self._prior)
         yield None
-        search = GlobalSearch(query.points, surface, params.registration, self._prior)
         while not search.step(0.0):
             yield None
         found = search.result
-        if not found.is_accepted:
-            yield Found(reason=found.reason, drift=np.eye(4), covariance=np.eye(4))
+        if found.reason not in (Reason.ACCEPTED, Reason.AMBIGUOUS):
+            yield _refused(found.reason)
             return
-        landmarks = landmarks_of(height_map, layers)
-        yield None
-        x, y, yaw = found.offset
-        coarse = se3.correction_about(T_map_base, (float(x), float(y), found.z), float(yaw))
-        yield _proven(query, coarse, landmarks, params)
+        places = []
+        for candidate in found.candidates:
+            places.append(_place(query, candidate, older, params))
+            yield None
+        yield _judged(places, has_found_all=found.has_found_all)
 
 
-def _proven(query: Query, coarse: se3.Matrix, landmarks: Landmarks, params: Params) -> Found:
-    """Hold the returns against walls and ground, where a search has found the robot."""
+class _Place(NamedTuple):
+    """Where a search has found the robot, measured, and whether it fits or why not.
+
+    The score is the number of cells of walls that agree, less as many for each that stands where
+    nothing was, or the other way round, as it weighs.
+    """
+
+    reason: Reason
+    drift: se3.Matrix
+    covariance: Array
+    score: float
+
+
+def _place(query: Query, candidate: Candidate, older: RegisteredMap, params: Params) -> _Place:
+    """Hold what was seen against walls and ground, where a search has found the robot."""
+    x, y, yaw = (float(offset) for offset in candidate.offset)
+    coarse = se3.correction_about(query.T_map_base, (x, y, candidate.z), yaw)
     T_map_base = coarse @ query.T_map_base
     position = T_map_base[:3, 3]
     returns = query.returns @ coarse[:3, :3].T
     update = update_by_returns(
         np.ascontiguousarray(returns), np.ascontiguousarray(position), np.diag(1.0 / _NEAR),
-        landmarks, params.scan_filter,
+        older.landmarks, params.scan_filter,
     )  # fmt: skip
     x, y, yaw, z = (float(error) for error in update.error[:4])
     drift = se3.correction_about(T_map_base, (x, y, z), yaw) @ coarse
     observed = update.information + np.diag(1.0 / _NEAR)
     covariance = np.asarray(np.linalg.inv(observed)) + _FLOOR
-    return Found(reason=_judged(update, params), drift=drift, covariance=covariance)
+    found = agreement(drift, older, query.surroundings, params)
+    score = found.agreeing - _CONTRADICTION * found.contradicted
+    return _Place(_fit(update, score, params), drift, covariance, score)
 
 
-def _judged(update: Update, params: Params) -> Reason:
+def _fit(update: Update, score: float, params: Params) -> Reason:
+    """Whether a place fits, is ruled out, or too little of it is known to tell."""
     known = update.over_known
     if known < max(_LEAST_KNOWN * update.near_known, params.scan_filter.min_returns):
         return Reason.LITTLE_OVERLAP
-    if update.agreeing < _LEAST_AGREEING * known or update.residual > _MOST_RESIDUAL:
+    if update.agreeing < _LEAST_AGREEING * known or update.residual > _MOST_RESIDUAL or score < 0:
         return Reason.HIGH_RESIDUAL
     return Reason.ACCEPTED
 
 
-def same_drift(first: Found, second: Found, T_map_base: se3.Matrix) -> bool:
-    """Whether two searches have found the same drift, within what a submap may be off."""
-    apart = second.drift @ se3.inverse(first.drift)
-    moved = (apart - np.eye(4)) @ second.drift @ T_map_base[:, 3]
+def _judged(places: Sequence[_Place], *, has_found_all: bool) -> Found:
+    """The only place that fits, or why there is none."""
+    fitting = sorted(
+        (place for place in places if place.reason is Reason.ACCEPTED),
+        key=lambda place: -place.score,
+    )
+    as_good = [place for place in fitting if place.score >= AS_GOOD * fitting[0].score]
+    untold = [place for place in places if place.reason is Reason.LITTLE_OVERLAP]
+    possible = [place.drift for place in as_good + untold]
+    if not possible:
+        return _refused(Reason.HIGH_RESIDUAL)
+    if not fitting or fitting[0].score < LEAST_SCORE:
+        return _refused(Reason.LITTLE_OVERLAP, possible)
+    if len(possible) > 1 or not has_found_all:
+        return _refused(Reason.AMBIGUOUS, possible)
+    only = fitting[0]
+    return Found(
+        reason=only.reason, drift=only.drift, covariance=only.covariance, possible=(only.drift,)
+    )
+
+
+def _refused(reason: Reason, possible: Sequence[se3.Matrix] = ()) -> Found:
+    return Found(reason=reason, drift=np.eye(4), covariance=np.eye(4), possible=tuple(possible))
+
+
+def same_drift(first: se3.Matrix, second: se3.Matrix, T_map_base: se3.Matrix) -> bool:
+    """Whether two drifts (4, 4) are the same for a robot, within what a submap may be off."""
+    apart = second @ se3.inverse(first)
+    moved = (apart - np.eye(4)) @ second @ T_map_base[:, 3]
     turn = abs(se3.yaw(apart))
     return bool(np.hypot(moved[0], moved[1]) < _SAME_PLACE and turn < _SAME_YAW)

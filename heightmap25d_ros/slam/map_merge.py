@@ -156,7 +156,7 @@ def merge_maps(
         returns = np.where(index >= 0, source.ground_returns.ravel()[index], 0.0)
         stands = np.where(index >= 0, source.surface.is_edge.ravel()[index], False)
         known_by += placed.known
-        walls.append(np.where(index >= 0, source.landmarks.wall_of.ravel()[index] >= 0, False))
+        walls.append(np.where(index >= 0, source.landmarks.is_wall.ravel()[index], False))
         if whole is None:
             whole = placed
         else:

@@ -15,6 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,7 @@ from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.localization import surface
 from heightmap25d_ros.localization.global_search import relocalize
-from heightmap25d_ros.localization.landmarks import Landmarks, landmarks_of
+from heightmap25d_ros.localization.landmarks import Landmarks, bordered, landmarks_of
 from heightmap25d_ros.localization.layers import NAMES, LayerMap
 from heightmap25d_ros.localization.matching import RegistrationPoints
 from heightmap25d_ros.localization.scan_update import Update, update_by_returns
@@ -43,8 +44,10 @@ _CONTRADICTION = 8.0  # cells of walls that must agree for each that does not
 _OF_HEIGHTS = 4.0  # the same in a map of heights alone, whose places are known to a cell
 _ENOUGH = 3  # pieces that fit in a single place, the same one: other pieces are not asked
 _LEAST_KNOWN = 0.3  # share of the cells near known places of which the other map tells something
-_LEAST_SCORE = 80.0  # cells of walls that agree, beyond that: 5 m of each map
-_AS_GOOD = 0.5  # of the score of the best hypothesis: another one is a rival
+LEAST_SCORE = 80.0
+"""Cells of walls that agree, beyond those that outweigh the others: 5 m of each map."""
+AS_GOOD = 0.5
+"""Of the score of the best hypothesis: another one is a rival."""
 _UNKNOWN = 0.5  # of the clip: cost of what the other map may not have seen, see `matching`
 _EVIDENCE = 4.0  # returns, as which a known cell without layers counts
 
@@ -93,10 +96,19 @@ class RegisteredMap:
     layers : LayerMap or None
         Without layers, walls and ground are those of the heights.
     params : Params
+    is_growing : bool
+        Whether what is not known yet, also close to what is, does not speak against another map.
     """
 
-    def __init__(self, height_map: HeightMap, layers: LayerMap | None, params: Params) -> None:
-        self.height_map, self._params = height_map, params
+    def __init__(
+        self,
+        height_map: HeightMap,
+        layers: LayerMap | None,
+        params: Params,
+        *,
+        is_growing: bool = False,
+    ) -> None:
+        self.height_map, self._is_growing = height_map, is_growing
         self.layers = layers
         self._edge_step = params.registration.edge_step
 
@@ -108,7 +120,11 @@ class RegisteredMap:
     @cached_property
     def landmarks(self) -> Landmarks:
         """Walls and ground."""
-        return landmarks_of(self.height_map, self._evidence)
+        found = landmarks_of(self.height_map, self._evidence)
+        if not self._is_growing:
+            return found
+        is_open = found.is_open & bordered(self.height_map.known, False)
+        return replace(found, is_open=is_open)
 
     @cached_property
     def _evidence(self) -> LayerMap:
@@ -154,13 +170,45 @@ class RegisteredMap:
         step = max(-(-len(told) // _PIECES), 1)
         return [ground[k] for k in told[::step]]
 
-    def piece(self, middle: Array) -> RegistrationPoints:
-        """The cells around a middle (3,), for the search."""
+    def piece(self, middle: Array, reach: float = _REACH) -> RegistrationPoints:
+        """The cells in a square of twice the reach [m] around a middle (3,), for the search."""
         xyz, is_wall = self.cells
-        near = _within(xyz, middle, _REACH)
+        near = _within(xyz, middle, reach)
         pivot = (float(middle[0]), float(middle[1]))
         points = np.ascontiguousarray(xyz[near] - (*pivot, 0.0))
         return RegistrationPoints(points, is_wall[near], np.ones(len(points)), pivot)
+
+
+class Agreement(NamedTuple):
+    """How two maps agree, if one of them lies at a pose in the other.
+
+    Attributes
+    ----------
+    forward, backward : Update
+        Of all cells of the moving map, held against the fixed one, and the other way round.
+    walls : int
+        Cells of walls of both of which the other map can tell whether they agree.
+    agreeing, contradicted : int
+        Of these, those that do, and those that stand where the other map has nothing.
+    """
+
+    forward: Update
+    backward: Update
+    walls: int
+    agreeing: int
+    contradicted: int
+
+
+def agreement(
+    T_fixed_moving: se3.Matrix, fixed: RegisteredMap, moving: RegisteredMap, params: Params
+) -> Agreement:
+    """Hold each of two maps against the other one, at a pose (4, 4) of the moving one."""
+    forward, walls = _held(moving, T_fixed_moving, fixed, params)
+    backward, others = _held(fixed, se3.inverse(T_fixed_moving), moving, params)
+    return Agreement(
+        forward, backward, walls.over_known + others.over_known, walls.agreeing + others.agreeing,
+        walls.contradicted + others.contradicted,
+    )  # fmt: skip
 
 
 def register_maps(fixed: RegisteredMap, moving: RegisteredMap, params: Params) -> MapRegistration:
@@ -196,7 +244,7 @@ def _unique(found: list[MapRegistration]) -> MapRegistration:
     if not found:
         return MapRegistration(outcome=Outcome.NO_PLACE, T_fixed_moving=np.eye(4))
     best = found[0]
-    rivals = tuple(f.T_fixed_moving for f in found[1:] if f.score >= _AS_GOOD * best.score)
+    rivals = tuple(f.T_fixed_moving for f in found[1:] if f.score >= AS_GOOD * best.score)
     outcome = Outcome.AMBIGUOUS if rivals else Outcome.REGISTERED
     return MapRegistration(
         outcome=outcome, T_fixed_moving=best.T_fixed_moving, score=best.score,
@@ -226,18 +274,17 @@ def _judged(
     T: se3.Matrix, fixed: RegisteredMap, moving: RegisteredMap, params: Params
 ) -> MapRegistration | None:
     """What a pose of the moving map has to show; None if the maps do not fit there."""
-    forward, walls = _agreement(moving, T, fixed, params)
-    backward, others = _agreement(fixed, se3.inverse(T), moving, params)
+    found = agreement(T, fixed, moving, params)
+    forward, backward = found.forward, found.backward
     for update in (forward, backward):
         if update.over_known < _LEAST_KNOWN * update.near_known:
             return None
         if update.agreeing < _LEAST_AGREEING * update.over_known:
             return None
-    agreeing = walls.agreeing + others.agreeing
     has_layers = fixed.layers is not None and moving.layers is not None
     weight = _CONTRADICTION if has_layers else _OF_HEIGHTS
-    score = agreeing - weight * (walls.over_known + others.over_known - agreeing)
-    if score < _LEAST_SCORE:
+    score = found.agreeing - weight * (found.walls - found.agreeing)
+    if score < LEAST_SCORE:
         return None
     both = forward.over_known + backward.over_known
     return MapRegistration(
@@ -247,7 +294,7 @@ def _judged(
     )  # fmt: skip
 
 
-def _agreement(
+def _held(
     of: RegisteredMap, T: se3.Matrix, within: RegisteredMap, params: Params
 ) -> tuple[Update, Update]:
     """How the cells of a map agree with another one where it is now: all of them, and its walls."""

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heightmap25d_ros.arrays import Array
-from heightmap25d_ros.grid.height_map import Area, HeightMap
-from heightmap25d_ros.localization.landmarks import Landmarks, landmarks_of
+from heightmap25d_ros.grid.height_map import Area, Geometry, HeightMap
+from heightmap25d_ros.localization.landmarks import Landmarks, bordered, landmarks_of
 from heightmap25d_ros.localization.layers import NAMES, LayerMap
 from heightmap25d_ros.slam.submaps import MappedCells, joined
 
@@ -59,29 +59,30 @@ def landmarks_around(
 ) -> Landmarks:
     """Walls and ground of submaps around a position, see `surroundings`.
 
-    Where there is ground, walls that were not seen again, see `sightings`, are none that a scan can
-    be held to. Level lasers in a building see walls only.
+    What is not known yet, also close to what is, does not speak against a scan. Where there is
+    ground, walls that were not seen again, see `sightings`, are none that a scan can be held to.
+    Level lasers in a building see walls only.
     """
     height_map, layers = surroundings(submaps, position, reach, resolution)
     landmarks = landmarks_of(height_map, layers)
+    is_open = landmarks.is_open & bordered(height_map.known, False)
+    landmarks = replace(landmarks, is_open=is_open)
     if not (layers.ground_count > layers.level_count).any():
         return landmarks
-    is_confirmed = _confirmed(submaps, layers)
+    is_confirmed = _confirmed(submaps, landmarks.geometry)
     walls = landmarks.walls.copy()
     walls[landmarks.wall_of[(landmarks.wall_of >= 0) & ~is_confirmed], 2:8] = np.nan
     return replace(landmarks, walls=walls)
 
 
-def _confirmed(submaps: Sequence[MappedCells], layers: LayerMap) -> NDArray[np.bool_]:
-    """The cells (rows, columns) of joined layers that one of the submaps has seen again."""
-    geometry = layers.geometry
+def _confirmed(submaps: Sequence[MappedCells], geometry: Geometry) -> NDArray[np.bool_]:
+    """The cells (rows, columns) of a map that one of the submaps has seen again."""
     is_confirmed = np.zeros(geometry.shape, bool)
     for submap in submaps:
         xy = (submap.confirmed()[:, ::-1] + 0.5) * geometry.resolution
         moved = xy @ submap.T_map_submap[:2, :2].T + submap.T_map_submap[:2, 3]
         index = geometry.cell_at(moved)
-        index = index[((index >= 0) & (index < geometry.shape)).all(axis=1)]
-        is_confirmed[tuple(index.T)] = True
+        is_confirmed[tuple(index[geometry.contains(index)].T)] = True
     return is_confirmed
 
 

@@ -393,12 +393,14 @@ class OwnMapTracker:
         found, (_, candidate, second, T_map_base, stamp_ns) = under_way.search.result, under_way
         edge = self._map.loop(candidate.number, second, T_map_base, found)
         outcome = found.reason.value
-        pending, self._pending = self._pending, None
+        pending = self._pending
+        if pending is not None and not any(
+            same_drift(pending[1].drift, drift, T_map_base) for drift in found.possible
+        ):
+            pending = self._pending = None
         if found.reason is Reason.ACCEPTED:
-            outcome = "waits for another one"
-            self._pending = edge, found
-            if pending is not None and same_drift(pending[1], found, T_map_base):
-                outcome = "closed"
+            outcome = "waits for another one" if pending is None else "closed"
+            self._pending = (edge, found) if pending is None else None
         away = float(np.linalg.norm(((found.drift - np.eye(4)) @ T_map_base)[:2, 3]))
         self.attempts.append(LoopAttempt(
             stamp_ns=stamp_ns, first=candidate.number, second=second, outcome=outcome, drift=away,

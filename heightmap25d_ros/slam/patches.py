@@ -154,8 +154,8 @@ def _fit(at, beams, pose_of, limits, weights, centre, spread, axes):
     """Whether returns are of one patch; its centre, the axes (rows), the variances along them.
 
     The first axis is the normal. A plane along which beams run is none that they can have seen: it
-    is a row at the height of a level laser, smeared by what poses err. Of rows the normal is that of
-    each pose's own line.
+    is a row at the height of a level laser, smeared by what poses err. The normal of a row is that
+    of each pose's own line.
     """
     tolerance, most_across = limits
     own, is_row = np.empty((len(at), 3)), False
@@ -217,7 +217,7 @@ def _centres(at, pose_of, centres):
 
 
 @kernel
-def _add_patch(  # noqa: PLR0913
+def _add_patch(  # noqa: C901, PLR0913
     at, seen, beams, pose_of, is_contact, centre, across, axes, settings, matrix, gradient, height,
 ):  # fmt: skip
     """Hold returns to a patch whose offset and tilts are eliminated."""
@@ -237,8 +237,7 @@ def _add_patch(  # noqa: PLR0913
             numbers[k] = pose_of[i]
         residual = _rows(at[i] - centre, seen[i], beams[i], axes, row, patch_row)
         weight = information / (1.0 + residual**2 / tolerance) ** 2
-        if is_contact[i]:
-            weight *= _CONTACT
+        weight *= _CONTACT if is_contact[i] else 1.0
         begin = STATES * pose_of[i]
         for a in range(6):
             of_pose[k, a] += weight * row[a] * residual
@@ -253,11 +252,9 @@ def _add_patch(  # noqa: PLR0913
         if is_contact[i]:
             lower = np.dot(axes[0], beams[i])
             of_pose[poses, 0] += weight * lower * residual
+            common[poses, 0] += weight * lower * patch_row
+            matrix[begin : begin + 6, height] += weight * lower * row
             matrix[height, height] += weight * lower**2
-            for a in range(6):
-                matrix[begin + a, height] += weight * lower * row[a]
-            for b in range(3):
-                common[poses, 0, b] += weight * lower * patch_row[b]
     inverse = np.linalg.inv(of_patch)
     for k in range(poses + 1):
         eliminated = common[k] @ inverse
@@ -287,9 +284,9 @@ def _count(pose_of):
 def _rows(at, seen, beam, axes, row, patch_row):
     """Distance of a return from its patch; how the errors of pose and patch change it.
 
-    Ranges err along the beam, so that a return which is below the ground is also too far ahead. The
-    row is that of where the beam meets the patch: the return's own place errs with the distance, and
-    where beams graze the surface this would draw all poses together.
+    Ranges err along the beam, so that a return which is below the ground is also too far ahead.
+    Rows are those of where the beam meets the patch: the return's own place errs with the distance,
+    and where beams graze the surface this would draw all poses together.
     """
     normal = axes[0]
     distance = normal[0] * at[0] + normal[1] * at[1] + normal[2] * at[2]

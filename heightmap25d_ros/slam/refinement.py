@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
@@ -18,7 +19,9 @@ from heightmap25d_ros.params.sections import ScanFilterParams
 from heightmap25d_ros.slam.bundle import Refined, refined
 from heightmap25d_ros.slam.map_pass import ScanPose, is_apart
 from heightmap25d_ros.slam.own_map_tracker import OwnMapTracker
-from heightmap25d_ros.slam.pose_graph import PoseGraph, between
+from heightmap25d_ros.slam.pose_graph import Edge, PoseGraph, between
+
+_LEAST_EDGE = np.diag(np.square([0.005, 0.005, 0.001, 0.002]))  # covariance of a submap's length
 
 
 def refined_poses(tracker: OwnMapTracker, params: ScanFilterParams) -> list[ScanPose]:
@@ -37,9 +40,12 @@ def refined_poses(tracker: OwnMapTracker, params: ScanFilterParams) -> list[Scan
         tracker.submaps[keyframe.submap].T_map_submap @ keyframe.T_submap_odom
         for keyframe in keyframes
     ])  # fmt: skip
-    found = refined(keyframes, before, params)
+    marks = _submap_begins(tracker)
+    found = refined(keyframes, before, params, marks)
     if tracker.loops_closed:
-        found = found._replace(T_map_odom=_looped(tracker, before, found.T_map_odom))
+        # What was too far off to be seen as one surface may be near enough now.
+        found = refined(keyframes, _looped(tracker, before, found, marks), params, marks)
+        found = found._replace(T_map_odom=_looped(tracker, before, found, marks))
     return _between_keyframes(tracker, found)
 
 
@@ -61,41 +67,80 @@ def disagreed(tracker: OwnMapTracker, poses: Sequence[ScanPose]) -> float:
     return float(steps[apart[1:]].sum())
 
 
-def _looped(tracker: OwnMapTracker, before: se3.Matrix, found: se3.Matrix) -> se3.Matrix:
-    """Poses (K, 4, 4) at the keyframes, with the submaps moved to where the loops have them."""
-    graph, first = PoseGraph(), 0
+def _submap_begins(tracker: OwnMapTracker) -> list[int]:
+    """The first keyframe of each submap; of the one before, where it has none."""
+    first, found = 0, []
     submap_of = [keyframe.submap for keyframe in tracker.keyframes]
-    for number, submap in enumerate(tracker.submaps):
+    for number in range(len(tracker.submaps)):
         first = submap_of.index(number) if number in submap_of else first
-        moved = found[first] @ se3.inverse(before[first])
+        found.append(first)
+    return found
+
+
+def _looped(
+    tracker: OwnMapTracker, before: se3.Matrix, found: Refined, marks: Sequence[int]
+) -> se3.Matrix:
+    """Poses (K, 4, 4) at the keyframes, with the submaps moved to where the loops have them.
+
+    Along the drive they are joined by what the bundle has found, as well as it knows it: what the
+    loops do not agree with is taken where nothing told how far the robot came.
+    """
+    graph = PoseGraph()
+    for first, submap in zip(marks, tracker.submaps, strict=True):
+        moved = found.T_map_odom[first] @ se3.inverse(before[first])
         graph.add(_planar(moved @ submap.T_map_submap @ submap.start))
     shape = graph.poses
+    for k, covariance in enumerate(found.covariances):
+        measured = between(shape[k], shape[k + 1])
+        graph.join(Edge(k, k + 1, measured, np.linalg.inv(covariance + _LEAST_EDGE)))
     for edge in tracker.graph.edges:
-        measured = between(shape[edge.first], shape[edge.second])
-        graph.join(edge if edge.is_loop else edge._replace(measured=measured))
+        if edge.is_loop:
+            graph.join(edge)
     graph.optimise()
-    moves = [_motion(*poses) for poses in zip(shape, graph.poses, strict=True)]
-    return np.array([moves[number] @ T for number, T in zip(submap_of, found, strict=True)])
+    moves = np.array([_motion(*poses) for poses in zip(shape, graph.poses, strict=True)])
+    T_odom_base = np.array([keyframe.T_odom_base for keyframe in tracker.keyframes])
+    number, share = _shares(_distances(T_odom_base), marks)
+    poses = found.T_map_odom @ T_odom_base
+    following = np.minimum(number + 1, len(moves) - 1)
+    moved = [
+        _partly(one, other, part)
+        for one, other, part in zip(
+            moves[number] @ poses, moves[following] @ poses, share, strict=True
+        )
+    ]
+    return np.array(moved) @ se3.inverse(T_odom_base)
+
+
+def _shares(along: Array, marks: Sequence[int]) -> tuple[NDArray[np.int64], Array]:
+    """Which mark each place is after, and how far it is on the way to the next one, 0 to 1."""
+    places = np.arange(len(along))
+    number = np.maximum(np.searchsorted(marks, places, side="right") - 1, 0)
+    begins = along[np.append(marks, len(along) - 1)]
+    length = np.maximum(begins[number + 1] - begins[number], 1e-9)
+    return number, np.clip((along - begins[number]) / length, 0.0, 1.0)
 
 
 def _between_keyframes(tracker: OwnMapTracker, found: Refined) -> list[ScanPose]:
     """Poses of all scans, as far along from one keyframe to the next as they are in odom."""
     T_odom_base = np.array([placed.T_odom_base for placed in tracker.placed])
-    along = _distances(T_odom_base)
-    scans = np.array([keyframe.scan for keyframe in tracker.keyframes])
-    numbers = np.arange(len(along))
-    left = np.clip(np.searchsorted(scans, numbers, side="right") - 1, 0, len(scans) - 2)
-    start, length = along[scans[left]], np.maximum(np.diff(along[scans])[left], 1e-9)
-    share = np.clip((along - start) / length, 0.0, 1.0)
-    tilts = found.tilts[left] + share[:, None] * (found.tilts[left + 1] - found.tilts[left])
+    scans = [keyframe.scan for keyframe in tracker.keyframes]
+    left, share = _shares(_distances(T_odom_base), scans)
+    right = np.minimum(left + 1, len(scans) - 1)
+    tilts = found.tilts[left] + share[:, None] * (found.tilts[right] - found.tilts[left])
     poses = []
-    for placed, k, part, tilt in zip(tracker.placed, left, share, tilts, strict=True):
-        one, other = (T @ placed.T_odom_base for T in found.T_map_odom[k : k + 2])
-        turn = part * se3.yaw(other @ se3.inverse(one))
-        T = se3.correction_about(one, part * (other - one)[:3, 3], turn) @ found.T_map_odom[k]
-        T = _tilted(T @ placed.T_odom_base, tilt) @ T
-        poses.append(ScanPose(placed.stamp_ns, T, placed.is_sure))
+    for placed, k, j, part, tilt in zip(tracker.placed, left, right, share, tilts, strict=True):
+        one, other = found.T_map_odom[[k, j]] @ placed.T_odom_base
+        T_map_base = _partly(one, other, part)
+        T_map_odom = T_map_base @ se3.inverse(placed.T_odom_base)
+        T_map_odom = _tilted(T_map_base, tilt) @ T_map_odom
+        poses.append(ScanPose(placed.stamp_ns, T_map_odom, placed.is_sure))
     return poses
+
+
+def _partly(one: se3.Matrix, other: se3.Matrix, part: float) -> se3.Matrix:
+    """The pose (4, 4) that is a part of the way from one to another one, which is not far."""
+    turn = part * se3.yaw(other @ se3.inverse(one))
+    return np.asarray(se3.correction_about(one, part * (other - one)[:3, 3], turn) @ one)
 
 
 def _tilted(T_map_base: se3.Matrix, tilt: Array) -> se3.Matrix:

@@ -2,9 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from properties import draws
 
 from heightmap25d_ros import se3
-from heightmap25d_ros.evaluation.trajectory_error import evaluate_trajectory
+from heightmap25d_ros.evaluation.trajectory_error import alignment, evaluate_trajectory
 
 STAMPS = np.arange(5) * 10**9
 
@@ -48,3 +51,16 @@ def test_the_truth_is_interpolated_and_poses_outside_of_it_do_not_count():
 def test_yaw_errors_wrap_around():
     error = evaluate_trajectory(STAMPS, along_x(yaw=3.1), STAMPS, along_x(yaw=-3.1))
     assert error.final_yaw_deg == pytest.approx(np.degrees(2 * np.pi - 6.2))
+
+
+@draws(50)
+@given(
+    shift=st.tuples(*[st.floats(-50.0, 50.0)] * 3),
+    yaw=st.floats(-3.1, 3.1),
+    seed=st.integers(0, 99),
+)
+def test_what_was_shifted_and_turned_is_aligned_exactly(shift, yaw, seed):
+    rng = np.random.default_rng(seed)
+    xyz_rpy = np.column_stack([rng.uniform(-9.0, 9.0, (20, 3)), rng.uniform(-1.0, 1.0, (20, 3))])
+    poses, T = se3.from_xyz_rpy(xyz_rpy), se3.from_xyz_rpy([*shift, 0.0, 0.0, yaw])
+    np.testing.assert_allclose(alignment(poses, T @ poses), T, atol=1e-9)

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from heightmap25d_ros.grid.height_grid import HeightGrid
-from heightmap25d_ros.grid.height_map import HeightMap
+from heightmap25d_ros.grid.height_map import Area, HeightMap
 from heightmap25d_ros.localization.landmarks import Landmarks, landmarks_of
-from heightmap25d_ros.localization.layers import LayerMap, LocalizationLayers
+from heightmap25d_ros.localization.layers import NAMES, LayerMap, LocalizationLayers
 from heightmap25d_ros.mapping.mapper import Mapper
 from heightmap25d_ros.mapping.sensor_model import Beams
 from heightmap25d_ros.params.sections import GridParams, MapperParams, SensorParams
@@ -55,6 +55,20 @@ def mapped(*returns) -> tuple[HeightMap, LayerMap]:
         layers.integrate(beams_to(ends))
     height_map = grid.read(0.5)
     return height_map, layers.read(grid.area_of(height_map.geometry))
+
+
+def tightly_cropped(height_map: HeightMap, layers: LayerMap) -> tuple[HeightMap, LayerMap]:
+    """The same map without any rows and columns around what is known."""
+    rows, columns = np.nonzero(height_map.known)
+    area = Area(
+        int(rows.min()), int(columns.min()),
+        int(np.ptp(rows)) + 1, int(np.ptp(columns)) + 1,
+    )  # fmt: skip
+    part = height_map.part(area)
+    here = area.slices(Area(0, 0, *height_map.geometry.shape))
+    return part, LayerMap(
+        geometry=part.geometry, **{name: getattr(layers, name)[here] for name in NAMES}
+    )
 
 
 def landmarks_seen_by(*returns) -> Landmarks:

@@ -6,10 +6,19 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from landmark_worlds import CORRIDOR, ROOM, ground_returns, landmarks_seen_by, wall_returns
+from landmark_worlds import (
+    CORRIDOR,
+    ROOM,
+    ground_returns,
+    landmarks_seen_by,
+    mapped,
+    tightly_cropped,
+    wall_returns,
+)
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.localization import scan_update
+from heightmap25d_ros.localization.landmarks import landmarks_of
 from heightmap25d_ros.localization.odometry_errors import unknown_errors
 from heightmap25d_ros.localization.registration import Reason
 from heightmap25d_ros.localization.scan_filter import ScanFilter
@@ -64,6 +73,20 @@ def test_in_a_room_the_pose_is_found_to_millimetres(room):
     assert np.abs(error[:3]).max() < 0.008
     assert abs(np.degrees(error[5])) < 0.15
     assert max(estimate.deviation) < 0.02
+
+
+def test_walls_at_the_edge_of_the_map_count():
+    """The walls of a robot's own map are where it ends."""
+    rng = np.random.default_rng(1)
+    returns = ground_returns(rng, 20000, noise=0.01), wall_returns(rng, 20000, noise=0.01)
+    landmarks = landmarks_of(*tightly_cropped(*mapped(*returns)))
+    true = se3.from_xyz_rpy([0.3, 0.1, 0.0, 0.0, 0.0, 0.4])
+    estimate = estimate_at(se3.from_xyz_rpy([0.3, 0.05, 0.0, 0.0, 0.0, 0.43]))
+    found = estimate.update(seen_from(true, CORRIDOR), np.eye(4), landmarks)
+    assert found.is_accepted
+    error = se3.to_xyz_rpy(estimate.T_map_odom) - se3.to_xyz_rpy(true)
+    assert abs(error[1]) < 0.008
+    assert abs(np.degrees(error[5])) < 0.15
 
 
 def test_a_tilt_of_the_odometry_is_not_taken_for_height_or_place(room):

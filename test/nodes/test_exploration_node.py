@@ -18,7 +18,7 @@ from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import MarkerArray
 
 from heightmap25d_msgs.action import Explore
-from heightmap25d_msgs.msg import ExplorationStatus, PlanStatus
+from heightmap25d_msgs.msg import ExplorationStatus, LocalizationStatus, PlanStatus
 from heightmap25d_ros.params.by_name import with_values
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.exploration import Exploration
@@ -42,6 +42,7 @@ class Place:
         self.client.subscribe("exploration/markers", MarkerArray)
         self.action = ActionClient(node, Explore, "explore")
         self._ms = 0
+        self.obeys = True
         self.hall = np.zeros((40, 128))
         self.hall[[0, -1]] = 150.0
         self.hall[:, 56:] = np.nan  # too far to be looked for from the start
@@ -60,12 +61,12 @@ class Place:
         self.client.publish("height_grid", grid(self.hall), LATCHED)
 
     def until(self, is_so):
-        """Obey each goal at once, until something is so."""
+        """Obey each goal at once, or stand at the start, until something is so."""
 
         def is_done():
             self._ms += 20
             x, y, yaw = 2.0, 2.5, 0.0
-            if self.goals:
+            if self.goals and self.obeys:
                 pose = self.goals[-1].pose
                 x, y = pose.position.x, pose.position.y
                 yaw = 2.0 * math.atan2(pose.orientation.z, pose.orientation.w)
@@ -96,7 +97,7 @@ class Place:
 @pytest.fixture(scope="module")
 def place():
     place = Place("/hall")
-    quick = "-p", "exploration.stuck_timeout:=2.0"
+    quick = "-p", "exploration.stuck_timeout:=1.0", "-p", "exploration.lost_timeout:=1.0"
     with node_process("exploration", *quick, namespace="/hall"):
         yield place
     place.client.close()
@@ -152,6 +153,33 @@ def test_services_start_pause_and_stop(place):
     assert call("exploration/stop", Trigger).success
     place.until(lambda: place.state == ExplorationStatus.ENDED)
     assert place.statuses[-1].end == ExplorationStatus.STOPPED
+
+
+def test_a_robot_that_stays_lost(place):
+    place.goals.clear()
+    assert place.client.call("exploration/start", Trigger).success
+    place.until(lambda: place.state == ExplorationStatus.DRIVING)
+    lost, found = LocalizationStatus.LOST, LocalizationStatus.TRACKING
+    place.client.publish("localization/status", LocalizationStatus(state=lost), LATCHED)
+    place.until(lambda: place.state == ExplorationStatus.ENDED)
+    assert place.statuses[-1].end == ExplorationStatus.LOST
+    assert place.statuses[-1].reason.startswith("localization has been LOST for")
+    waited = [s for s in place.statuses if s.state == ExplorationStatus.PAUSED]
+    assert waited[-1].reason == "localization is LOST"
+    place.client.publish("localization/status", LocalizationStatus(state=found), LATCHED)
+
+
+def test_a_robot_that_does_not_move(place):
+    place.obeys = False
+    place.until(lambda: place.state == ExplorationStatus.ENDED)
+    place.goals.clear()
+    outcome = place.result(place.send())
+    assert outcome.status == GoalStatus.STATUS_ABORTED
+    assert outcome.result.status.end == ExplorationStatus.STUCK
+    told = "the robot has not moved for 5 goals: the robot has not moved for "
+    assert outcome.result.status.reason.startswith(told)
+    sent = {(goal.pose.position.x, goal.pose.position.y) for goal in place.goals}
+    assert len(sent) == 5
 
 
 def test_codes_are_those_of_the_message():

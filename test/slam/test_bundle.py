@@ -88,7 +88,10 @@ def away(found, true, keyframes):
 def test_a_bent_drive_is_straightened():
     true, keyframes, _ = drive(1)
     unmoved = np.broadcast_to(np.eye(4), (len(true), 4, 4))
-    assert away(bundle.Refined(unmoved, np.zeros(2)), true, keyframes).max() > 0.15
+    assert (
+        away(bundle.Refined(unmoved, np.zeros(2), np.zeros((0, 4, 4))), true, keyframes).max()
+        > 0.15
+    )
     found = refined(keyframes, unmoved, PARAMS)
     assert away(found, true, keyframes).max() < 0.01
     turned = se3.to_xyz_rpy(found.T_map_odom)[:, 3:5]
@@ -137,7 +140,7 @@ def test_rows_that_a_level_laser_sees_on_a_slope_do_not_hold_the_robot():
 
 
 def rows_ahead(true, ground, rng, noise):
-    """Rows of returns that a laser which looks down sees of ground(x), with noise of their range."""
+    """Rows that a laser which looks down sees of ground(x), with noise of their ranges."""
     for T in true:
         laser = T[:3, 3] + LASER
         way = np.linspace(0.5, 2.5, 2001)
@@ -208,6 +211,32 @@ def test_the_height_above_the_ground_is_found():
     height = 2 * STATES
     lowered = -equations.gradient[height] / equations.matrix[height, height]
     np.testing.assert_allclose(lowered, 0.01, rtol=0.02)
+
+
+def test_along_a_corridor_the_odometry_alone_tells_how_far_it_went():
+    """Its variance over a distance in closed form: slip comes and goes, a scale stays."""
+    rng = np.random.default_rng(6)
+    count, distance = 30, 6.0
+    true = np.broadcast_to(np.eye(4), (count, 4, 4)).copy()
+    true[:, 0, 3] = np.linspace(0.0, distance, count)
+
+    def points():
+        sides = [np.column_stack([rng.uniform(-4, 10, 150), np.full(150, y),
+                                  rng.uniform(0.1, 1, 150)]) for y in (-1.2, 1.2)]  # fmt: skip
+        return np.concatenate(sides)
+
+    unmoved = np.broadcast_to(np.eye(4), true.shape)
+    found = refined(keyframes_of(true, true, points), unmoved, PARAMS, [0, count - 1])
+    lasts = PARAMS.slip_length
+    slipped = lasts * (distance / lasts - 1.0 + np.exp(-distance / lasts))
+    variance = (
+        2.0 * lasts * PARAMS.slip**2 * slipped
+        + (PARAMS.distance_scale * distance) ** 2
+        + PARAMS.position_drift**2 * distance
+    )
+    deviation = np.sqrt(np.diagonal(found.covariances[0]))
+    assert deviation[0] == pytest.approx(np.sqrt(variance), rel=0.1)
+    assert (deviation[1:3] < 0.01).all()
 
 
 @pytest.mark.parametrize("state", range(4))

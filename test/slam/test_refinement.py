@@ -43,8 +43,10 @@ def square():
     )  # fmt: skip
 
 
-def refined(monkeypatch, T_map_odom, tilts=None):
-    found = Refined(T_map_odom, np.zeros((5, 2)) if tilts is None else tilts)
+def refined(monkeypatch, T_map_odom, tilts=None, deviations=(0.1,) * 4):
+    """Poses, of a bundle that knows them as well from each side's beginning to its end [m]."""
+    covariances = np.array([np.eye(4) * deviation**2 for deviation in deviations])
+    found = Refined(T_map_odom, np.zeros((5, 2)) if tilts is None else tilts, covariances)
     monkeypatch.setattr(refinement, "refined", lambda *_: found)
     tracker = square()
     return tracker, refinement.refined_poses(tracker, Params().scan_filter)
@@ -66,9 +68,18 @@ def test_a_loop_brings_the_end_back(monkeypatch):
     assert max(away) < 0.15
 
 
+def test_what_a_loop_brings_back_is_taken_where_nothing_told_how_far_the_robot_came(monkeypatch):
+    drifted = np.array([planar(0.2 if k > 2 else 0.0, 0.0, 0.0) for k in range(5)])
+    _, poses = refined(monkeypatch, drifted, deviations=(0.002, 0.002, 0.2, 0.002))
+    away = [np.hypot(*pose.T_map_odom[:2, 3]) for pose in poses]  # also between the keyframes
+    np.testing.assert_allclose(away, 0.0, atol=0.005)
+
+
 def test_scans_between_keyframes_share_in_both(monkeypatch):
     moved = np.array([planar(0.0, 0.1 * k, 0.0) for k in range(5)])
-    monkeypatch.setattr(refinement, "_looped", lambda _tracker, _before, found: found)
+    monkeypatch.setattr(
+        refinement, "_looped", lambda _tracker, _before, found, _marks: found.T_map_odom
+    )
     tilts = np.column_stack([0.01 * np.arange(5), np.zeros(5)])
     _, poses = refined(monkeypatch, moved, tilts)
     half = poses[1].T_map_odom  # 2 m of the 4 m to the next keyframe
@@ -78,6 +89,8 @@ def test_scans_between_keyframes_share_in_both(monkeypatch):
 
 def test_where_the_bundle_moves_the_robot_far_is_told(monkeypatch):
     moved = np.array([planar(0.0, 0.0, 0.0)] * 3 + [planar(0.0, 1.0, 0.0)] * 2)
-    monkeypatch.setattr(refinement, "_looped", lambda _tracker, _before, found: found)
+    monkeypatch.setattr(
+        refinement, "_looped", lambda _tracker, _before, found, _marks: found.T_map_odom
+    )
     tracker, poses = refined(monkeypatch, moved)
     assert 4.0 <= refinement.disagreed(tracker, poses) <= 10.0
