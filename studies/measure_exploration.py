@@ -7,8 +7,9 @@ Usage: python studies/measure_exploration.py [-o DIRECTORY] [--worlds W ...] [--
 
 Each run is that of `heightmap25d explore`, with true poses, and ends by itself. Covered is the
 share of the true ground where the robot's middle may be, connected with the start, that is known
-in the map. Besides these the tour is computed: places chosen greedily from the true heights, until
-what a full turn shows from them covers the same share, ordered by 2-opt; it ends at its last place.
+in the map: on all levels, where there are several. Besides these the tour is computed: places
+chosen greedily from the true heights, until what a full turn shows from them covers the same share,
+ordered by 2-opt; it ends at its last place.
 
 --nearest runs the nearest frontier as well, by the rule of explore_lite (m-explore-ros2) with its
 defaults, over the same mapper, planner and controller.
@@ -35,7 +36,7 @@ from heightmap25d_ros.evaluation.map_error import evaluate_map
 from heightmap25d_ros.evaluation.path_drivability import evaluate_path
 from heightmap25d_ros.evaluation.trajectory_error import alignment, planar_errors
 from heightmap25d_ros.evaluation.truth import TrueGround, Truth
-from heightmap25d_ros.grid.height_map import Geometry
+from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, Geometry
 from heightmap25d_ros.params import files
 from heightmap25d_ros.pipelines.exploration_task import Task
 from heightmap25d_ros.pipelines.localization import Localizer
@@ -44,6 +45,7 @@ from heightmap25d_ros.pose_interpolation import interpolate
 from heightmap25d_ros.simulation import recording, truth
 from heightmap25d_ros.simulation.explored import SimulatedExploration
 from heightmap25d_ros.simulation.simulation import Simulation
+from heightmap25d_ros.terrain.slices import SurfaceStack
 from heightmap25d_ros.viz import exploration_figures
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -51,6 +53,7 @@ WORLDS, SEEDS = ("room", "ramp", "rough", "street"), (11, 12, 13)
 SHARES = (0.9, 0.95)
 SCAN_RATE, STEP = 12.5, 0.02  # [Hz], [s]
 LONGEST = 3600.0  # [s], simulated
+SAME_LEVEL = 0.35  # [m]
 TOLERANCE = 2.0  # [m] of the planner, for goals of explore_lite, which lie in the unknown
 
 
@@ -83,16 +86,28 @@ class Run:
         self.explored = SimulatedExploration(simulation, params, task, explorer, localizer)
         self.height, self.reachable, _ = full_knowledge_tour.reachable_ground(self.world)
         self.geometry = Geometry(
-            resolution=truth.RESOLUTION, origin=(x0, y0), shape=self.reachable.shape
+            resolution=truth.RESOLUTION, origin=(x0, y0), shape=self.reachable.shape[1:]
         )
         self.cells = np.argwhere(self.reachable)
-        self.centers = self.geometry.cell_center(self.cells)
+        self.centers = self.geometry.cell_center(self.cells[:, 1:])
+
+    def known(self, height_map):
+        """(N,): which of the reachable cells are known."""
+        there = height_map.geometry.cell_at(self.centers)
+        inside = height_map.geometry.contains(there)
+        at, result = tuple(there[inside].T), np.zeros(len(there), bool)
+        if not self.world.has_decks:
+            result[inside] = height_map.known[at]
+            return result
+        stack = SurfaceStack(height_map, self.params.levels)
+        tops = HEIGHT_RESOLUTION * stack.top[(slice(None), *at)]
+        z = self.height[tuple(self.cells[inside].T)] - height_map.geometry.ground_zero
+        result[inside] = (np.abs(tops - z) < SAME_LEVEL).any(axis=0)
+        return result
 
     def covered(self, height_map):
         """Share of the reachable ground that is known."""
-        there = height_map.geometry.cell_at(self.centers)
-        inside = height_map.geometry.contains(there)
-        return float(height_map.known[tuple(there[inside].T)].sum() / len(self.cells))
+        return float(self.known(height_map).mean())
 
     def figures(self):
         """Run to the end."""
@@ -103,16 +118,6 @@ class Run:
         poses = np.array([T for _, T in record.trajectory])
         inside = self.task.boundary.mask(self.geometry)
         cells = self.geometry.cell_at(poses[:, :2, 3])
-        ground = TrueGround(
-            geometry=self.geometry,
-            height=self.height,
-            clearance=np.full(self.height.shape, np.inf),
-        )
-        planner = self.params.planner
-        met = evaluate_path(
-            ground, se3.to_xyz_rpy(poses[::5])[:, [0, 1, 5]],
-            planner.robot_length, planner.robot_width,
-        )  # fmt: skip
         found = {
             "end": exploration.end.name,
             "way_m": round(exploration.distance, 1),
@@ -121,7 +126,7 @@ class Run:
             "reachable_m2": round(len(self.cells) * truth.RESOLUTION**2, 1),
             "contacts": record.contacts,
             "is_inside": bool(inside[tuple(cells.T)].all()),
-            "largest_step_m": round(met.largest_step_m, 3),
+            "largest_step_m": round(self.largest_step(poses[::5]), 3),
             "given_up": len(exploration.given_up),
             "cpu_s": round(time.process_time() - began, 1),
         }
@@ -129,10 +134,33 @@ class Run:
             found["decision_p95_ms"] = round(1e3 * float(np.percentile(record.decision_s, 95)), 1)
         if record.told:
             found |= self.drift()
+        if self.world.has_decks:
+            known = self.known(record.snapshots[-1].height_map)
+            found["covered_by_level"] = [
+                round(float(known[self.cells[:, 0] == level].mean()), 4)
+                for level in range(len(self.height))
+            ]
         for share in SHARES:
             reached = [way for way, covered in curve if covered >= share]
             found[f"way_to_{share:g}_m"] = round(reached[0], 1) if reached else None
         return found
+
+    def largest_step(self, poses):
+        """Under the robot's rectangle [m]; where a pose is on two levels, on the better one."""
+        planner = self.params.planner
+        cells = self.geometry.cell_at(poses[:, :2, 3])
+        off = np.abs(self.height[(slice(None), *cells.T)] - poses[:, 2, 3])
+        places = se3.to_xyz_rpy(poses)[:, [0, 1, 5]]
+        steps = np.full(off.shape, np.inf)
+        for level, height in enumerate(self.height):
+            clearance = np.full(height.shape, np.inf)
+            ground = TrueGround(geometry=self.geometry, height=height, clearance=clearance)
+            for n in np.flatnonzero(off[level] < SAME_LEVEL):
+                met = evaluate_path(
+                    ground, places[n : n + 1], planner.robot_length, planner.robot_width
+                )
+                steps[level, n] = met.largest_step_m
+        return float(steps.min(axis=0).max())
 
     def drift(self):
         """Errors of the told poses, and of the map against the true heights.

@@ -20,7 +20,7 @@ from scipy import ndimage
 
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.exploration import frontiers
-from heightmap25d_ros.exploration.looks import Looks
+from heightmap25d_ros.exploration.looks import NEAR_LOOK, Looks
 from heightmap25d_ros.exploration.stops import Candidates, best_stops
 from heightmap25d_ros.exploration.survey import LEVEL, Survey
 from heightmap25d_ros.exploration.surveyor import Surveyor
@@ -111,13 +111,29 @@ class Explorer:
         least = self._params.exploration.min_gain
         choice = self._best(_with_slices([s.restricted(s.fresh) for s in survey.slices]), least)
         if choice.goal is None:
-            choice = self._best(survey, least, farthest=self._params.exploration.sight)
+            certain = _with_slices([s.restricted(s.certain) for s in survey.slices])
+            choice = self._best(certain, least, farthest=self._params.exploration.sight)
         if choice.goal is not None:
             return choice
-        opened = [part.restricted(part.fresh & self._openings(part)) for part in survey.slices]
+        opened = [self._opened(part) for part in survey.slices]
         if not any(part.scenery.wanted.any() for part in opened):
             return choice
         return self._best(_with_slices(opened), OPENING * least)
+
+    def _opened(self, survey: Survey) -> Survey:
+        """What opens ways; obstacles that are doubted have to be seen from near."""
+        doubted = survey.scenery.wanted & ~survey.certain
+        opened = survey.restricted((survey.fresh | doubted) & self._openings(survey))
+        if not doubted.any():
+            return opened
+        reach = NEAR_LOOK / survey.geometry.resolution
+        scenery = replace(opened.scenery, reach=min(reach, opened.scenery.reach))
+        return replace(opened, scenery=scenery)
+
+    def doubt_obstacles(self) -> bool:
+        """Count obstacles that may be noise as unknown from now on; whether that is new."""
+        is_new, self._surveyor.is_doubting = not self._surveyor.is_doubting, True
+        return is_new
 
     def _openings(self, survey: Survey) -> NDArray[np.bool_]:
         """Where the robot might come to ``min_gain`` of new ground."""

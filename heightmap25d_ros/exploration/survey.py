@@ -43,6 +43,8 @@ class Survey:
         Cells whose surface no slice before this one holds.
     fresh : (rows, columns) bool
         Of what is wanted, what is not, nor lies behind, what was looked for in vain.
+    certain : (rows, columns) bool
+        Of what is wanted, what does not lie behind obstacles that are doubted.
     others : tuple of Survey
         Of the other slices.
     """
@@ -54,6 +56,7 @@ class Survey:
     occupied: NDArray[np.bool_]
     counted: NDArray[np.bool_]
     fresh: NDArray[np.bool_]
+    certain: NDArray[np.bool_]
     others: tuple[Survey, ...] = ()
 
     @property

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heightmap25d_ros.exploration import frontiers
+from heightmap25d_ros.exploration.doubtful_obstacles import doubtful
 from heightmap25d_ros.exploration.looks import Looks
 from heightmap25d_ros.exploration.sight import Scenery
 from heightmap25d_ros.exploration.survey import LEVEL, Survey
@@ -37,6 +38,11 @@ class Surveyor:
     boundary : Boundary
     looks : Looks
         What was looked for in vain is not wanted.
+
+    Attributes
+    ----------
+    is_doubting : bool
+        Whether obstacles that may be noise are as good as unknown; on maps of one level.
     """
 
     def __init__(self, params: Params, boundary: Boundary, looks: Looks) -> None:
@@ -45,6 +51,7 @@ class Surveyor:
             params.traversability, params.planner, boundary, params.exploration.frontier_depth
         )
         self._level = LevelFollower()
+        self.is_doubting = False
         self._inside: tuple[Geometry, Mask] | None = None
 
     def survey(self, height_map: HeightMap, robot: Pose2D) -> Survey:
@@ -58,7 +65,19 @@ class Surveyor:
             if is_there
             else np.full(geometry.shape, np.inf)
         )
-        return self._offered(graph, height_map.known, costs, robot, is_one_level=True)
+        survey = self._offered(graph, height_map.known, costs, robot, is_one_level=True)
+        return self._without_doubtful(survey, height_map) if self.is_doubting else survey
+
+    def _without_doubtful(self, survey: Survey, height_map: HeightMap) -> Survey:
+        """A survey in which obstacles that may be noise are unknown."""
+        max_step, geometry = self._params.traversability.max_step, survey.geometry
+        doubted = doubtful(survey.occupied, height_map, max_step)
+        known, occupied = survey.scenery.known & ~doubted, survey.occupied & ~doubted
+        inside, looks = self.inside(geometry), self._looks.of(geometry)
+        more, _ = self._wanted(known, occupied, survey.costs, inside, looks, geometry)
+        wanted = survey.scenery.wanted | more
+        scenery = replace(survey.scenery, known=known, wanted=wanted)
+        return replace(survey, scenery=scenery, occupied=occupied)
 
     def inside(self, geometry: Geometry) -> Mask:
         """(rows, columns): cells inside the boundary."""
@@ -121,7 +140,9 @@ class Surveyor:
         wanted, fresh = self._wanted(known, closed, costs, allowed, looks, geometry)
         scenery = replace(survey.scenery, height=edges.height, known=known, wanted=wanted)
         nothing = np.zeros(known.shape, np.bool_)
-        return replace(survey, costs=costs, scenery=scenery, counted=nothing, fresh=fresh)
+        return replace(
+            survey, costs=costs, scenery=scenery, counted=nothing, fresh=fresh, certain=wanted
+        )
 
     def _offered(
         self,
@@ -136,7 +157,8 @@ class Surveyor:
         own, geometry = self._params.exploration, graph.geometry
         is_inside = self.inside(geometry)
         costs[~is_inside] = np.inf
-        height = np.nan_to_num(graph.height)  # where no known cell is near nothing is wanted
+        # Where no known cell is near nothing is wanted.
+        height = np.where(np.isnan(graph.height), np.float32(0.0), graph.height)
         looks = self._looks.of(geometry, None if is_one_level else height)
         wanted, fresh = self._wanted(known, graph.occupied, costs, is_inside, looks, geometry)
         scenery = Scenery(
@@ -155,6 +177,7 @@ class Surveyor:
             occupied=graph.occupied.copy(),
             counted=np.ones(geometry.shape, np.bool_),
             fresh=fresh,
+            certain=wanted,
         )
 
     def _wanted(
@@ -181,11 +204,11 @@ class Surveyor:
         margin = self._params.traversability.robot_radius + self._params.planner.unknown_margin
         touched = frontiers.touched(known, occupied, np.isfinite(costs), margin / side)
         depth = own.frontier_depth / side
-        wanted, fresh = (
-            frontiers.wanted(known, touched, allowed & is_open, depth)
-            for is_open in (looks < own.looks, looks == 0)
-        )
-        return wanted, fresh
+        wanted = frontiers.wanted(known, touched, allowed & (looks < own.looks), depth)
+        is_missed = wanted & (looks > 0)
+        if not is_missed.any():
+            return wanted, wanted
+        return wanted, frontiers.wanted(known, touched, wanted & ~is_missed, depth)
 
 
 def _without_wanted_of(survey: Survey, before: list[Survey]) -> Survey:

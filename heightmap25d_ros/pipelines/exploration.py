@@ -299,6 +299,8 @@ class Exploration:
         if not np.isfinite(survey.costs).any():
             return self._finish(End.STUCK, "no path leads away from where the robot stands")
         if choice.goal is None:
+            if run.explorer.doubt_obstacles():
+                return self._choose(run, robot)
             return self._wind_up(run, robot, End.DONE, run.told_done)
         if math.hypot(choice.goal.x - robot.x, choice.goal.y - robot.y) <= REACHED:
             return self._look_around(run, survey, robot)
