@@ -139,6 +139,26 @@ def test_rows_that_a_level_laser_sees_on_a_slope_do_not_hold_the_robot():
     assert away(found, true, keyframes).max() < 0.02
 
 
+def test_one_crate_that_a_level_laser_sees_tells_of_wheels_that_slip_by_a_third():
+    """By what poses err, its face is smeared into what looks like level ground at laser height."""
+    rng, count = np.random.default_rng(9), 30
+    true = np.broadcast_to(np.eye(4), (count, 4, 4)).copy()
+    true[:, 0, 3] = np.linspace(0.0, 2.4, count)
+    odometry = true.copy()
+    odometry[:, 0, 3] *= 0.67
+
+    def points():
+        sides = np.column_stack([rng.uniform(-1, 8, 60), rng.choice([-3.0, 3.0], 60)])
+        face = np.column_stack([np.full(40, 3.5), rng.uniform(-0.4, 0.4, 40)])
+        level = np.concatenate([sides, face])
+        at = np.column_stack([level, np.full(len(level), LASER[2])])
+        return at + rng.normal(0.0, [0.005, 0.005, 0.002], at.shape)
+
+    keyframes = keyframes_of(true, odometry, points)
+    found = refined(keyframes, np.broadcast_to(np.eye(4), true.shape), PARAMS)
+    assert away(found, true, keyframes).max() < 0.03
+
+
 def rows_ahead(true, ground, rng, noise):
     """Rows that a laser which looks down sees of ground(x), with noise of their ranges."""
     for T in true:
