@@ -5,9 +5,9 @@
 Localization on one's own map takes the map for known, as far as it goes: what a pose errs is in all
 that is seen later, and an error of the heading confirms itself. Here neither poses nor surface are
 known. Poses are joined by what returns tell (`patches`), by the ground that the wheels stand on
-(`contacts`) and by the odometry, whose slip, scales and
-heading bias are unknowns as well, as in the scan filter. Gauss-Newton steps; what is on one patch
-is found anew before each.
+(`contacts`) and by the odometry, whose slip, scales and heading bias are unknowns as well, as in
+the scan filter. Gauss-Newton steps; what is on one patch is found anew before each. What counts as
+one patch is thick at first, since much that poses err is to be found, and slip may be heavy.
 """
 
 from __future__ import annotations
