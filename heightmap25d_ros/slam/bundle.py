@@ -21,19 +21,25 @@ from scipy import linalg
 from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.params.sections import ScanFilterParams
-from heightmap25d_ros.slam.patches import STATES, NormalEquations, add_patches
+from heightmap25d_ros.slam.contacts import contacts_of
+from heightmap25d_ros.slam.patches import STATES, NormalEquations, Returns, add_patches
 
 WINDOW, _OVERLAP = 400, 120
 """Keyframes that are refined together at most."""
 
-_STEPS, _CONVERGED = 10, 1e-3  # Gauss-Newton steps at most; [m] rms of the last one
-_FIRST_TOLERANCE, _NARROWING, _LAST_TOLERANCE = 0.12, 0.6, 0.04  # [m] from a patch
+_STEPS, _CONVERGED = 24, 1e-3  # Gauss-Newton steps at most; [m] rms of the last one
+_FIRST_TOLERANCE, _NARROWING, _LAST_TOLERANCE = 1.0, 0.75, 0.04  # [m] from a patch
+_FOLLOWS = 10.0  # of the last step is the tolerance at most: where little moves it is soon narrow
+_FIRST_SLIP = 0.2  # standard deviation per distance, until it is known how much wheels have slipped
 _REACH = 16.0  # [m] in the plane, from the robot to returns that are used
 _START = (1e-3, 1e-3, 1e-3, 1e-3)  # [m], [m], [rad], [m] deviation of the first pose
 _RADIAN = 0.5  # [m] of distance that turning by a radian drifts like
 _LEAST_VARIANCE = 1e-9
+_HEIGHT_NOISE = 0.05  # [m] of the robot above the ground, from what is thought at first
+_TILT_LENGTH = 0.3  # [m] over which errors of roll and pitch persist
 _X, _Y, _YAW, _Z, _ROLL, _PITCH, _SLIP = range(STATES)
 _MOVED = [_X, _Y, _Z]
+_HEIGHT, _SCALE, _TURN_SCALE, _BIAS = range(4)  # what all poses have in common; the others: unused
 _POSE = np.array([_X, _Y, _YAW, _Z])
 
 
@@ -47,7 +53,8 @@ class Keyframe(NamedTuple):
     submap : int
     T_submap_odom, T_odom_base : (4, 4) float64
         As localization on the own map has found it.
-    returns : (N, 3) float32 [m, odom]
+    returns, origins : (N, 3) float32 [m, odom]
+        And where the lasers were.
     """
 
     scan: int
@@ -55,6 +62,7 @@ class Keyframe(NamedTuple):
     T_submap_odom: se3.Matrix
     T_odom_base: se3.Matrix
     returns: NDArray[np.float32]
+    origins: NDArray[np.float32]
 
 
 class Refined(NamedTuple):
@@ -130,6 +138,25 @@ class _Steps(NamedTuple):
         return cls(cos * dx + sin * dy, cos * dy - sin * dx, np.diff(z), turn)
 
 
+def _returns_of(
+    keyframes: Sequence[Keyframe], T_map_odom: se3.Matrix, T_map_base: se3.Matrix
+) -> Returns:
+    """What was seen within reach, from the robot."""
+    pose_of = np.repeat(np.arange(len(keyframes)), [len(k.returns) for k in keyframes])
+    seen, origins = (
+        np.concatenate([
+            se3.transform_points(T, points.astype(np.float64)) - T_base[:3, 3]
+            for T, points, T_base in zip(T_map_odom, of_keyframes, T_map_base, strict=True)
+        ])
+        for of_keyframes in ([k.returns for k in keyframes], [k.origins for k in keyframes])
+    )  # fmt: skip
+    beams = seen - origins
+    beams /= np.maximum(np.linalg.norm(beams, axis=1), 1e-6)[:, None]
+    is_near = np.hypot(seen[:, 0], seen[:, 1]) < _REACH
+    is_contact = np.zeros(len(seen), np.bool_)
+    return Returns(*(part[is_near] for part in (seen, beams, pose_of, is_contact)))
+
+
 class _Stretch:
     """Keyframes that are refined together."""
 
@@ -137,31 +164,28 @@ class _Stretch:
         self, keyframes: Sequence[Keyframe], T_map_odom: se3.Matrix, params: ScanFilterParams
     ) -> None:
         self._params, self._T_map_odom = params, T_map_odom
+        self._slip = max(params.slip, _FIRST_SLIP)
         T_odom_base = np.array([keyframe.T_odom_base for keyframe in keyframes])
         self._T_map_base = T_map_odom @ T_odom_base
         self._steps = _Steps.of(T_odom_base)
-        seen = [
-            se3.transform_points(T, keyframe.returns.astype(np.float64)) - at
-            for T, keyframe, at in zip(
-                T_map_odom, keyframes, self._T_map_base[:, :3, 3], strict=True
-            )
-        ]
-        pose_of = np.repeat(np.arange(len(seen)), [len(part) for part in seen])
-        points = np.concatenate(seen)
-        is_near = np.hypot(points[:, 0], points[:, 1]) < _REACH
-        self._returns, self._pose_of = points[is_near], pose_of[is_near]
-        self._errors = np.zeros((len(seen), STATES))
-        self._constants = np.zeros(3)  # scales of distances and of turns, heading bias
+        returns = _returns_of(keyframes, T_map_odom, self._T_map_base)
+        at = returns.seen + self._T_map_base[returns.pose_of, :3, 3]
+        parts = returns, contacts_of(at, self._T_map_base)
+        self._returns = Returns(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+        self._errors = np.zeros((len(keyframes), STATES))
+        self._constants = np.zeros(STATES)
 
     def solved(self) -> Refined:
         """Take steps until they are short."""
         tolerance = _FIRST_TOLERANCE
         for _ in range(_STEPS):
-            step = self._step(tolerance)
-            is_narrow = tolerance == _LAST_TOLERANCE
-            tolerance = max(_NARROWING * tolerance, _LAST_TOLERANCE)
-            if is_narrow and np.sqrt(np.mean(np.square(step[:, :2]))) < _CONVERGED:
+            moved = float(np.sqrt(np.mean(np.square(self._step(tolerance)[:, :2]))))
+            if tolerance == _LAST_TOLERANCE and moved < _CONVERGED:
                 break
+            tolerance = max(min(_NARROWING * tolerance, _FOLLOWS * moved), _LAST_TOLERANCE)
+            if tolerance == _LAST_TOLERANCE:
+                slipped = float(np.sqrt(np.mean(np.square(self._errors[:, _SLIP]))))
+                self._slip = max(self._params.slip, slipped)
         T_map_odom = [
             se3.correction_about(pose, error[_MOVED], error[_YAW]) @ T
             for pose, error, T in zip(self._T_map_base, self._errors, self._T_map_odom, strict=True)
@@ -205,24 +229,31 @@ class _Stretch:
         equations = NormalEquations(np.zeros((size, size)), np.zeros(size))
         share = 1.0 / self._params.returns_per_information
         positions = self._T_map_base[:, :3, 3] + self._errors[:, _MOVED]
-        add_patches(self._seen(), positions, self._pose_of, share, tolerance, equations)
+        add_patches(self._seen(), positions, share, tolerance, equations)
         self._add_odometry(positions, equations)
         self._add_priors(equations)
         return equations
 
-    def _seen(self) -> Array:
-        """The returns (N, 3) [m] from the robot, along the axes of the map."""
-        x, y, z = self._returns.T
-        error = self._errors[self._pose_of]
+    def _seen(self) -> Returns:
+        """The returns as the robot sees them from poses as they are now."""
+        error = self._errors[self._returns.pose_of]
         cos, sin = np.cos(error[:, _YAW]), np.sin(error[:, _YAW])
-        u, v = cos * x - sin * y, sin * x + cos * y
-        return np.column_stack([u, v, z + error[:, _ROLL] * v - error[:, _PITCH] * u])
+        lower = self._constants[_HEIGHT] * self._returns.is_contact
+        (x, y, z), (u, v, w) = (
+            (cos * part[:, 0] - sin * part[:, 1], sin * part[:, 0] + cos * part[:, 1], part[:, 2])
+            for part in (self._returns.seen, self._returns.beams)
+        )
+        tilted = z + error[:, _ROLL] * y - error[:, _PITCH] * x
+        return self._returns._replace(
+            seen=np.column_stack([x + lower * u, y + lower * v, tilted + lower * w]),
+            beams=np.column_stack([u, v, w]),
+        )
 
     def _add_odometry(self, positions: Array, equations: NormalEquations) -> None:
         """Add what the odometry tells from each pose to the next."""
         params, (forward, aside, climb, turn) = self._params, self._steps
         count, distance = len(turn), self._steps.distance
-        scale, turn_scale, bias = self._constants
+        _, scale, turn_scale, bias = self._constants[:4]
         yaw = se3.to_xyz_rpy(self._T_map_base)[:, 5] + self._errors[:, _YAW]
         cos, sin = np.cos(yaw[:-1]), np.sin(yaw[:-1])
         dx, dy = cos * forward - sin * aside, sin * forward + cos * aside
@@ -230,25 +261,30 @@ class _Stretch:
         told, kept = 1.0 + slip[:-1] + scale, np.exp(-distance / params.slip_length)
         moved = np.diff(positions, axis=0)
         turned = np.diff(yaw) - turn * (1.0 + turn_scale) - bias * forward
+        roll, pitch = self._errors[:, _ROLL], self._errors[:, _PITCH]
+        stays = np.exp(-distance / _TILT_LENGTH)
         residual = np.column_stack([
             moved[:, 0] - told * dx, moved[:, 1] - told * dy,
             np.angle(np.exp(1j * turned)), moved[:, 2] - told * climb, slip[1:] - kept * slip[:-1],
+            roll[1:] - stays * roll[:-1], pitch[1:] - stays * pitch[:-1],
         ])  # fmt: skip
-        rows = np.zeros((count, 5, 2 * STATES + 3))
-        for k, state in enumerate((_X, _Y, _YAW, _Z, _SLIP)):
+        rows = np.zeros((count, STATES, 3 * STATES))
+        for k, state in enumerate((_X, _Y, _YAW, _Z, _SLIP, _ROLL, _PITCH)):
             rows[:, k, state], rows[:, k, STATES + state] = -1.0, 1.0
+        rows[:, 5, _ROLL] = rows[:, 6, _PITCH] = -stays
         rows[:, 0, _YAW], rows[:, 1, _YAW] = told * dy, -told * dx
         for k, step in ((0, dx), (1, dy), (3, climb)):
-            rows[:, k, _SLIP] = rows[:, k, 2 * STATES] = -step
-        rows[:, 2, 2 * STATES + 1], rows[:, 2, 2 * STATES + 2] = -turn, -forward
+            rows[:, k, _SLIP] = rows[:, k, 2 * STATES + _SCALE] = -step
+        rows[:, 2, 2 * STATES + _TURN_SCALE], rows[:, 2, 2 * STATES + _BIAS] = -turn, -forward
         rows[:, 4, _SLIP] = -kept
         drift = distance + _RADIAN * np.abs(turn)
         variance = _LEAST_VARIANCE + np.column_stack([
             params.position_drift**2 * drift, params.position_drift**2 * drift,
             params.yaw_drift**2 * distance + params.turn_noise**2 * np.abs(turn),
-            params.z_drift**2 * distance, (1.0 - kept**2) * params.slip**2,
+            params.z_drift**2 * distance, (1.0 - kept**2) * self._slip**2,
+            *2 * [(1.0 - stays**2) * params.tilt_noise**2 + _LEAST_VARIANCE],
         ])  # fmt: skip
-        constants = self._errors.size + np.arange(3)
+        constants = self._errors.size + np.arange(STATES)
         for k in range(count):
             index = np.concatenate([STATES * k + np.arange(2 * STATES), constants])
             weighted = rows[k] / variance[k, :, None]
@@ -259,10 +295,13 @@ class _Stretch:
         """Add what is known before: where the drive begins, tilts and constants of the odometry."""
         params = self._params
         deviation = np.full(self._errors.shape, np.inf)
-        deviation[:, [_ROLL, _PITCH]] = params.tilt_noise
+        deviation[0, [_ROLL, _PITCH]] = params.tilt_noise
         deviation[0, :4] = _START
-        deviation[0, _SLIP] = params.slip
-        constants = params.distance_scale, params.turn_scale, params.heading_bias
+        deviation[0, _SLIP] = self._slip
+        constants = np.ones(STATES)
+        constants[[_HEIGHT, _SCALE, _TURN_SCALE, _BIAS]] = (
+            _HEIGHT_NOISE, params.distance_scale, params.turn_scale, params.heading_bias
+        )  # fmt: skip
         values = np.concatenate([self._errors.ravel(), self._constants])
         deviations = np.maximum(np.concatenate([deviation.ravel(), constants]), _LEAST_VARIANCE)
         precision = deviations**-2

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import replace
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -291,20 +292,25 @@ class OwnMapTracker:
             self._window.confirm()
         self._drift.see(found)
         if self._is_recording and self.distance - self._kept >= _KEYFRAME_DISTANCE:
-            self._keep(returns)
+            self._keep()
         if self.distance - self._viewed >= _VIEW_DISTANCE:
             self._viewed = self.distance
             some = returns[:: 1 + len(returns) // _VIEW_RETURNS]
             self._views.append(_View(some, len(self.submaps) - 1, self._T_submap_odom()))
 
-    def _keep(self, returns: Array) -> None:
+    def _keep(self) -> None:
         """Keep a moment of the drive, with its returns."""
         assert self._T_odom_base is not None
         self._kept = self.distance
-        some = returns[:: 1 + len(returns) // _KEYFRAME_RETURNS].astype(np.float32)
+        returns, origins = (
+            np.concatenate([of(w.beams)[w.beams.is_hit & ~w.beams.is_lone] for w in self._waiting])
+            for of in (attrgetter("ends"), attrgetter("origins"))
+        )
+        some = np.s_[:: 1 + len(returns) // _KEYFRAME_RETURNS]
         self.keyframes.append(Keyframe(
             len(self.placed) + len(self._waiting) - 1, len(self.submaps) - 1,
-            self._T_submap_odom(), self._T_odom_base, some,
+            self._T_submap_odom(), self._T_odom_base,
+            returns[some].astype(np.float32), origins[some].astype(np.float32),
         ))  # fmt: skip
 
     def _T_submap_odom(self) -> se3.Matrix:

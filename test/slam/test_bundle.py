@@ -11,9 +11,11 @@ from heightmap25d_ros import se3
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.slam import bundle
 from heightmap25d_ros.slam.bundle import Keyframe, refined
-from heightmap25d_ros.slam.patches import STATES, NormalEquations, add_patches
+from heightmap25d_ros.slam.contacts import contacts_of
+from heightmap25d_ros.slam.patches import STATES, NormalEquations, Returns, add_patches
 
 PARAMS = Params().scan_filter
+LASER = 0.3, 0.0, 0.6  # in base_link
 
 
 def room(rng, count):
@@ -54,10 +56,15 @@ def drifting(true, slip, bias):
 
 def keyframes_of(true, T_odom_base, points_of):
     return [
-        Keyframe(k, 0, np.eye(4), odom,
-                 se3.transform_points(odom @ se3.inverse(T), points_of()).astype(np.float32))
+        keyframe_of(k, odom, se3.transform_points(odom @ se3.inverse(T), points_of()))
         for k, (T, odom) in enumerate(zip(true, T_odom_base, strict=True))
-    ]  # fmt: skip
+    ]
+
+
+def keyframe_of(number, T_odom_base, returns):
+    laser = se3.transform_points(T_odom_base, [[*LASER]])
+    returns, origins = np.broadcast_arrays(returns.astype(np.float32), laser.astype(np.float32))
+    return Keyframe(number, 0, np.eye(4), T_odom_base, returns, origins)
 
 
 def drive(seed, count=40, tilt=0.0):
@@ -132,6 +139,80 @@ def test_rows_that_a_level_laser_sees_on_a_slope_do_not_hold_the_robot():
     assert away(found, true, keyframes).max() < 0.02
 
 
+def rows_ahead(true, ground, rng, noise):
+    """Rows that a laser which looks down sees of ground(x), with noise of their ranges."""
+    for T in true:
+        laser = T[:3, 3] + LASER
+        way = np.linspace(0.5, 2.5, 2001)
+        x = np.interp(0.0, laser[2] - 0.5 * way - ground(laser[0] + way), laser[0] + way)
+        ends = np.column_stack([np.full(60, x), np.linspace(-1, 1, 60), np.full(60, ground(x))])
+        beams = ends - laser
+        length = np.linalg.norm(beams, axis=1)
+        yield laser + beams * (1.0 + rng.normal(0.0, noise, 60) / length)[:, None]
+
+
+def test_noise_of_ranges_does_not_draw_poses_together():
+    """Beams that graze the ground: what is too far is too low. As if they were upright it does."""
+    count, pulls = 25, []
+    true = np.broadcast_to(np.eye(4), (count, 4, 4)).copy()
+    true[:, 0, 3] = np.linspace(0.0, 2.0, count)
+    pose_of = np.repeat(np.arange(count), 60)
+    for seed in range(4):
+        rows = rows_ahead(true, lambda x: -0.1 * x, np.random.default_rng(seed), 0.02)
+        seen = np.concatenate([row - T[:3, 3] for row, T in zip(rows, true, strict=True)])
+        aimed = (seen - LASER) / np.linalg.norm(seen - LASER, axis=1)[:, None]
+        for beams in (aimed, np.tile([0.0, 0.0, -1.0], (len(seen), 1))):
+            size = STATES * (count + 1)
+            equations = NormalEquations(np.zeros((size, size)), np.zeros(size))
+            returns = Returns(seen, beams, pose_of, np.zeros(len(seen), np.bool_))
+            add_patches(returns, true[:, :3, 3].copy(), 1.0, 0.1, equations)
+            pulls.append(equations.gradient[: STATES * count : STATES] @ true[:, 0, 3])
+    aimed, upright = np.mean(np.reshape(pulls, (-1, 2)), axis=0)
+    assert abs(aimed) < 0.05 * upright
+
+
+def on_a_slope(height):
+    """Poses (20, 4, 4) on z = 0.2 x, with base_link at a height above it."""
+    poses = np.zeros((20, 6))
+    poses[:, 0], poses[:, 4] = np.linspace(0.0, 2.0, 20), -np.arctan(0.2)
+    poses[:, 2] = 0.2 * poses[:, 0]
+    return se3.from_xyz_rpy(poses) @ se3.from_xyz_rpy([0.0, 0.0, height, 0.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("height", [0.0, 0.13])
+def test_wheels_are_on_the_ground_that_was_seen(height):
+    xy = np.random.default_rng(6).uniform((-1, -1), (3, 1), (20000, 2))
+    T_map_base = on_a_slope(height)
+    contacts = contacts_of(np.column_stack([xy, 0.2 * xy[:, 0]]), T_map_base)
+    at = contacts.seen + T_map_base[contacts.pose_of, :3, 3]
+    assert len(np.unique(contacts.pose_of)) == 20
+    np.testing.assert_allclose(at[:, 2], 0.2 * at[:, 0], atol=0.008)
+    np.testing.assert_allclose(contacts.beams @ [-0.2, 0.0, 1.0], -np.hypot(1.0, 0.2))
+
+
+def test_without_ground_nothing_bears_the_robot():
+    """As for level lasers: walls beside the way, and returns far below it."""
+    xy = np.random.default_rng(7).uniform((-1, -1), (3, 1), (20000, 2))
+    walls = np.column_stack([xy[:, 0], np.sign(xy[:, 1]), xy[:, 0]])
+    below = np.column_stack([xy, np.full(len(xy), -2.0)])
+    assert len(contacts_of(np.concatenate([walls, below]), on_a_slope(0.0)).seen) == 0
+
+
+def test_the_height_above_the_ground_is_found():
+    """Wheels that seem to stand 1 cm above the ground are lowered, and nothing else is moved."""
+    rng = np.random.default_rng(8)
+    ground = np.column_stack([rng.uniform(-1, 1, (3000, 2)), np.zeros(3000)])
+    wheels = np.column_stack([rng.uniform(-1, 1, (300, 2)), np.full(300, 0.01)])
+    seen, is_contact = np.concatenate([ground, wheels]), np.repeat([False, True], [3000, 300])
+    down = np.tile([0.0, 0.0, -1.0], (3300, 1))
+    equations = NormalEquations(np.zeros((3 * STATES, 3 * STATES)), np.zeros(3 * STATES))
+    returns = Returns(seen, down, rng.integers(0, 2, 3300), is_contact)
+    add_patches(returns, np.zeros((2, 3)), 1.0, 0.1, equations)
+    height = 2 * STATES
+    lowered = -equations.gradient[height] / equations.matrix[height, height]
+    np.testing.assert_allclose(lowered, 0.01, rtol=0.02)
+
+
 def test_along_a_corridor_the_odometry_alone_tells_how_far_it_went():
     """Its variance over a distance in closed form: slip comes and goes, a scale stays."""
     rng = np.random.default_rng(6)
@@ -164,16 +245,19 @@ def test_returns_tell_nothing_of_what_all_poses_have_in_common(state):
     rng = np.random.default_rng(5)
     true = circle(6)
     seen = [room(rng, 200) - T[:3, 3] for T in true]
-    size = STATES * len(true)
+    size = STATES * (len(true) + 1)
     equations = NormalEquations(np.zeros((size, size)), np.zeros(size))
     pose_of = np.repeat(np.arange(len(true)), [len(points) for points in seen])
-    patches = add_patches(np.concatenate(seen), true[:, :3, 3].copy(), pose_of, 1.0, 0.1, equations)
-    assert patches > 50
+    seen = np.concatenate(seen)
+    beams = seen / np.linalg.norm(seen, axis=1)[:, None]
+    returns = Returns(seen, beams, pose_of, np.zeros(len(seen), np.bool_))
+    assert add_patches(returns, true[:, :3, 3].copy(), 1.0, 0.1, equations) > 50
     motion = np.zeros((len(true), STATES))
     motion[:, state] = 1.0
     if state == 2:  # x, y, yaw, z
         motion[:, 0], motion[:, 1] = -true[:, 1, 3], true[:, 0, 3]
     whole = np.triu(equations.matrix) + np.triu(equations.matrix, 1).T
+    whole = whole[: motion.size, : motion.size]
     told, alone = motion.ravel() @ whole @ motion.ravel(), np.diag(whole)[state::STATES].sum()
     assert 0.0 <= told < 1e-3 * alone
     assert np.linalg.eigvalsh(whole)[0] > -1e-6 * np.linalg.eigvalsh(whole)[-1]

@@ -25,11 +25,12 @@ def planar(x, y, yaw):
 def square():
     """A drive around a square, a submap and a keyframe for each side; odometry is right."""
     graph, submaps, keyframes, placed = PoseGraph(), [], [], []
+    nothing = np.empty((0, 3), np.float32)
     for number, corner in enumerate(CORNERS):
         T = planar(*corner)
         graph.add(np.array([*corner, 0.0]))
         submaps.append(SimpleNamespace(T_map_submap=np.eye(4), start=T))
-        keyframes.append(Keyframe(2 * number, number, np.eye(4), T, np.empty((0, 3), np.float32)))
+        keyframes.append(Keyframe(2 * number, number, np.eye(4), T, nothing, nothing))
         for k, pose in enumerate((T, T @ planar(2.0, 0.0, 0.0))):
             stamp = 10 * number + k
             placed.append(Placed(stamp, pose, number, np.eye(4), np.zeros((3, 3)), True))
