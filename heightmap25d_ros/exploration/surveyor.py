@@ -66,17 +66,22 @@ class Surveyor:
             else np.full(geometry.shape, np.inf)
         )
         survey = self._offered(graph, height_map.known, costs, robot, is_one_level=True)
-        return self._without_doubtful(survey, height_map) if self.is_doubting else survey
+        return self._in_doubt(survey, height_map) if self.is_doubting else survey
 
-    def _without_doubtful(self, survey: Survey, height_map: HeightMap) -> Survey:
-        """A survey in which obstacles that may be noise are unknown."""
-        max_step, geometry = self._params.traversability.max_step, survey.geometry
-        doubted = doubtful(survey.occupied, height_map, max_step)
+    def _in_doubt(self, survey: Survey, height_map: HeightMap) -> Survey:
+        """The same, with what lies behind ground that the robot might come to after all.
+
+        Obstacles that may be noise are unknown, and all ground that goes on from where the robot
+        can be counts as touched, as far as the robot sees.
+        """
+        own, side = self._params.exploration, survey.geometry.resolution
+        doubted = doubtful(survey.occupied, height_map, self._params.traversability.max_step)
         known, occupied = survey.scenery.known & ~doubted, survey.occupied & ~doubted
-        inside, looks = self.inside(geometry), self._looks.of(geometry)
-        more, _ = self._wanted(known, occupied, survey.costs, inside, looks, geometry)
-        wanted = survey.scenery.wanted | more
-        scenery = replace(survey.scenery, known=known, wanted=wanted)
+        near = frontiers.touched(known, occupied, np.isfinite(survey.costs), own.sight / side)
+        looks = self._looks.of(survey.geometry)
+        allowed = self.inside(survey.geometry) & (looks < own.looks)
+        behind = frontiers.wanted(known, near, allowed, own.frontier_depth / side)
+        scenery = replace(survey.scenery, known=known, wanted=survey.scenery.wanted | behind)
         return replace(survey, scenery=scenery, occupied=occupied)
 
     def inside(self, geometry: Geometry) -> Mask:
