@@ -29,6 +29,7 @@ from heightmap25d_ros.viz.walls import walls_without_ground
 _FRAMES_PER_SECOND = 6
 _LAST = 12  # frames for which the last one stays
 _WIDTH, _DPI = 9.2, 80  # [inch], [1/inch]
+_BORDER = 0.2  # [m] around the map and the boundary
 _MARGIN = 1.6  # [inch] around the map, for the legend and the colours
 _LARGEST_MARK = 9.0  # [pt] of the place with the largest gain
 _CURVE, _GAP = 1.5, 0.75  # [inch] height of the curve below the map, and of the gap
@@ -144,10 +145,10 @@ def animate(
     """
     shown = map_figures.observed_part(snapshots[-1].height_map)
     figure, axes, norm = _map_figure(shown)
-    rows, columns = shown.geometry.shape
-    figure.set_size_inches(_WIDTH, (_WIDTH - _MARGIN) * rows / columns + _MARGIN)
-    figure.subplots_adjust(left=0.07, right=0.9, bottom=0.1, top=0.84)
     artists = _stage(axes, shown, boundary)
+    width, height = axes.viewLim.size
+    figure.set_size_inches(_WIDTH, (_WIDTH - _MARGIN) * height / width + _MARGIN)
+    figure.subplots_adjust(left=0.07, right=0.9, bottom=0.1, top=0.84)
     writer = PillowWriter(fps=_FRAMES_PER_SECOND)
     with writer.saving(figure, path, _DPI):
         for n, snapshot in enumerate(snapshots):
@@ -182,12 +183,15 @@ def _stage(axes: Axes, shown: HeightMap, boundary: NDArray[np.float64]) -> dict[
         palette.line_entry(palette.DRIVEN_LINE), palette.line_entry(palette.PLANNED_LINE),
         palette.footprint_entry("robot"), palette.line_entry(palette.GOAL_MARK),
         palette.line_entry(PLACE_MARK), palette.occupied_entry(), palette.unknown_entry(),
+        palette.wall_entry(),
     ]  # fmt: skip
     if len(boundary):
         axes.plot(*np.vstack([boundary, boundary[:1]]).T, **BOUNDARY_LINE)
         entries.append(palette.line_entry(BOUNDARY_LINE))
     west, east, south, north = map_figures.extent(shown.geometry)
-    axes.set(xlim=(west, east), ylim=(south, north))
+    corners = np.vstack([[(west, south), (east, north)], boundary.reshape(-1, 2)])
+    low, high = corners.min(axis=0) - _BORDER, corners.max(axis=0) + _BORDER
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     legend = palette.legend_above(axes, entries, " ")
     artists["title"] = legend.get_title()
     artists["title"].set_family("monospace")  # columns of numbers stay where they are
