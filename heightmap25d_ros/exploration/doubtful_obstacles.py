@@ -40,7 +40,7 @@ def doubtful(occupied: Mask, height_map: HeightMap, max_step: float) -> Mask:
 
     >>> from dataclasses import replace
     >>> seen = HeightMap.from_metres(np.array([[0.0, 0.0, 0.15, 0.0, 0.0, 2.0]]))
-    >>> probability = seen.probability // np.array([1, 1, 2, 1, 1, 2], np.uint16)
+    >>> probability = seen.probability - np.array([0, 0, 30000, 0, 0, 30000], np.uint16)
     >>> seen = replace(seen, probability=probability)
     >>> doubtful(seen.metres > 0.1, seen, max_step=0.1)
     array([[False, False,  True, False, False, False]])
