@@ -17,7 +17,7 @@ demo-explore: build ## a simulated robot explores a ramp and its surroundings; o
 	@source env.sh && heightmap25d explore ramp --seed 1 -o out/explored
 
 test: build ## all tests: 8 to 10 minutes on 2 cores
-	@source env.sh && python -m pytest -n auto --dist loadfile --no-loadscope-reorder test
+	@source env.sh && python -m pytest -n $$(( $$(nproc) + 1 )) --dist loadfile --no-loadscope-reorder test
 
 check: build ## style, types and the quick tests: a minute; before each commit
 	@source env.sh && ruff check && ruff format --check && mypy && \
