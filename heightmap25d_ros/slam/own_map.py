@@ -59,16 +59,13 @@ def landmarks_around(
 ) -> Landmarks:
     """Walls and ground of submaps around a position, see `surroundings`.
 
-    What is not known yet, also close to what is, does not speak against a scan. Where there is
-    ground, walls that were not seen again, see `sightings`, are none that a scan can be held to.
-    Level lasers in a building see walls only.
+    What is not known yet, also close to what is, does not speak against a scan. Walls that were not
+    seen again, see `sightings`, are none that a scan can be held to.
     """
     height_map, layers = surroundings(submaps, position, reach, resolution)
     landmarks = landmarks_of(height_map, layers)
     is_open = landmarks.is_open & bordered(height_map.known, False)
     landmarks = replace(landmarks, is_open=is_open)
-    if not (layers.ground_count > layers.level_count).any():
-        return landmarks
     is_confirmed = _confirmed(submaps, landmarks.geometry)
     walls = landmarks.walls.copy()
     walls[landmarks.wall_of[(landmarks.wall_of >= 0) & ~is_confirmed], 2:8] = np.nan
