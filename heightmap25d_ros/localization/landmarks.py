@@ -119,7 +119,7 @@ def landmarks_of(height_map: HeightMap, layers: LayerMap) -> Landmarks:
     walls = np.column_stack([at, normal_x, normal_y, on_line, variance, scatter, tops[index]])
     is_ground = is_seen & ~is_above & ~is_wall
     plane_cells, planes = fit_planes(height.astype(np.float64), is_ground, geometry.resolution)
-    is_smooth = planes[:, 3] <= _MOST_ROUGHNESS
+    is_used = (planes[:, 3] <= _MOST_ROUGHNESS) & _is_inside(plane_cells, geometry.shape)
     return Landmarks(
         lowest=lowest,
         is_near=bordered(
@@ -127,9 +127,9 @@ def landmarks_of(height_map: HeightMap, layers: LayerMap) -> Landmarks:
         ),
         is_open=lowest < _UNKNOWN,
         wall_of=_indexed(geometry.shape, cells),
-        plane_of=_indexed(geometry.shape, plane_cells[is_smooth]),
+        plane_of=_indexed(geometry.shape, plane_cells[is_used]),
         walls=np.ascontiguousarray(walls),
-        planes=np.ascontiguousarray(planes[is_smooth]),
+        planes=np.ascontiguousarray(planes[is_used]),
         origin=tuple(geometry.cell_corner((-_BORDER, -_BORDER)).tolist()),
         resolution=geometry.resolution,
     )
@@ -172,6 +172,12 @@ def _thickness(layers: LayerMap) -> Array:
     total = np.maximum(count, 1.0)
     xx, xy, yy = (s / total for s in (layers.spread_xx, layers.spread_xy, layers.spread_yy))
     return np.asarray(0.5 * (xx + yy - np.hypot(xx - yy, 2.0 * xy)), np.float64)
+
+
+def _is_inside(cells: NDArray[np.int64], shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """Whether cells (N, 2) are not at the edge, where the foot of a wall looks like a slope."""
+    half = _AROUND // 2
+    return np.asarray(((cells >= half) & (cells < np.array(shape) - half)).all(axis=1))
 
 
 def _indexed(shape: tuple[int, int], cells: NDArray[np.int64]) -> NDArray[np.int32]:

@@ -89,6 +89,17 @@ def test_walls_at_the_edge_of_the_map_count():
     assert abs(np.degrees(error[5])) < 0.15
 
 
+def test_ground_at_the_edge_of_the_map_tells_nothing():
+    """It was seen on one side only: what slopes there may be the foot of a wall."""
+    returns = ground_returns(np.random.default_rng(1), 40000)
+    landmarks = landmarks_of(*tightly_cropped(*mapped(returns)))
+    rows, columns = np.nonzero(landmarks.plane_of >= 0)
+    height, width = landmarks.is_wall.shape
+    border = (landmarks.plane_of.shape[0] - height) // 2
+    assert (rows.min(), rows.max()) == (border + 2, border + height - 3)
+    assert (columns.min(), columns.max()) == (border + 2, border + width - 3)
+
+
 def test_a_tilt_of_the_odometry_is_not_taken_for_height_or_place(room):
     true = se3.from_xyz_rpy([0.3, 0.1, 0.0, 0.0, 0.0, 0.4])
     returns = seen_from(true @ se3.from_xyz_rpy([0, 0, 0, 0.006, -0.008, 0]), ROOM)
