@@ -16,7 +16,7 @@ demo-loop: build ## a simulated robot maps a ramp, plans and drives back over it
 demo-explore: build ## a simulated robot explores a ramp and its surroundings; out/explored/
 	@source env.sh && heightmap25d explore ramp --seed 1 -o out/explored
 
-test: build ## all tests: 8 to 10 minutes on 2 cores
+test: build ## all tests: 7 to 9 minutes on 2 cores
 	@source env.sh && python -m pytest -n $$(( $$(nproc) + 1 )) --dist loadfile --no-loadscope-reorder test
 
 check: build ## style, types and the quick tests: a minute; before each commit
