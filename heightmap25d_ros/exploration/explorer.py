@@ -200,6 +200,7 @@ class Explorer:
     def forget(self) -> None:
         """The map was begun anew."""
         self._looks.forget()
+        self._surveyor.is_doubting = False
         self.given_up = []
 
     def _are_given_up(self, survey: Survey, cells: NDArray[np.int64]) -> NDArray[np.bool_]:

@@ -44,6 +44,13 @@ def test_they_are_looked_at_when_nothing_else_is_left():
     assert not explorer.doubt_obstacles()
 
 
+def test_a_map_that_is_begun_anew_is_not_doubted():
+    explorer, height_map = Explorer(PARAMS), corridor(step=0.15)
+    explorer.doubt_obstacles()
+    explorer.forget()
+    assert goal(explorer, height_map) is None
+
+
 @pytest.mark.parametrize(("step", "probability"), [(2.0, 0.7), (0.15, 0.99)])
 def test_walls_and_what_is_believed_are_no_way(step, probability):
     explorer, height_map = Explorer(PARAMS), corridor(step, probability)
