@@ -95,14 +95,17 @@ def sample_landmarks() -> Landmarks:
     )  # fmt: skip
 
 
-def landmarks_of(height_map: HeightMap, layers: LayerMap) -> Landmarks:
-    """Walls and ground of a map with layers of the same cells."""
+def landmarks_of(height_map: HeightMap, layers: LayerMap, *, is_growing: bool = False) -> Landmarks:
+    """Walls and ground of a map with layers of the same cells.
+
+    What a map that is growing does not know yet, also close to what it knows, is not open.
+    """
     geometry = height_map.geometry
     is_seen = layers.ground_count >= _LEAST_RETURNS
     is_standing = _standing(layers, is_seen)
     is_low = is_seen & ~is_standing
     height = np.where(is_low, layers.ground_height, _UNKNOWN).astype(np.float32)
-    lowest = ndimage.minimum_filter(bordered(height, _UNKNOWN), _AROUND, mode="nearest")
+    lowest = ndimage.minimum_filter(_bordered(height, _UNKNOWN), _AROUND, mode="nearest")
     is_above = is_standing | (is_low & (height > lowest[_MAP] + ELEVATED))
     tops = height_map.metres
     count, places = _elevated_places(layers, is_above)
@@ -120,12 +123,15 @@ def landmarks_of(height_map: HeightMap, layers: LayerMap) -> Landmarks:
     is_ground = is_seen & ~is_above & ~is_wall
     plane_cells, planes = fit_planes(height.astype(np.float64), is_ground, geometry.resolution)
     is_used = (planes[:, 3] <= _MOST_ROUGHNESS) & _is_inside(plane_cells, geometry.shape)
+    is_open = lowest < _UNKNOWN
+    if is_growing:
+        is_open &= _bordered(height_map.known, False)
     return Landmarks(
         lowest=lowest,
-        is_near=bordered(
+        is_near=_bordered(
             ndimage.maximum_filter(height_map.known, 2 * NEAR + 1, mode="constant"), False
         ),
-        is_open=lowest < _UNKNOWN,
+        is_open=is_open,
         wall_of=_indexed(geometry.shape, cells),
         plane_of=_indexed(geometry.shape, plane_cells[is_used]),
         walls=np.ascontiguousarray(walls),
@@ -135,7 +141,7 @@ def landmarks_of(height_map: HeightMap, layers: LayerMap) -> Landmarks:
     )
 
 
-def bordered(cells: NDArray[Any], outside: float) -> NDArray[Any]:
+def _bordered(cells: NDArray[Any], outside: float) -> NDArray[Any]:
     """The cells (rows, columns) of a map as `Landmarks` has them: with a border of a value."""
     return np.pad(cells, _BORDER, constant_values=outside)
 
@@ -182,6 +188,6 @@ def _is_inside(cells: NDArray[np.int64], shape: tuple[int, int]) -> NDArray[np.b
 
 def _indexed(shape: tuple[int, int], cells: NDArray[np.int64]) -> NDArray[np.int32]:
     """(rows, columns) with the border: row of each cell in a table; -1: none."""
-    index = bordered(np.full(shape, -1, np.int32), -1)
+    index = _bordered(np.full(shape, -1, np.int32), -1)
     index[tuple(cells.T + _BORDER)] = np.arange(len(cells))
     return index

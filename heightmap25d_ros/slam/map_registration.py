@@ -25,7 +25,7 @@ from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.localization import surface
 from heightmap25d_ros.localization.global_search import relocalize
-from heightmap25d_ros.localization.landmarks import Landmarks, bordered, landmarks_of
+from heightmap25d_ros.localization.landmarks import Landmarks, landmarks_of
 from heightmap25d_ros.localization.layers import NAMES, LayerMap
 from heightmap25d_ros.localization.matching import RegistrationPoints
 from heightmap25d_ros.localization.scan_update import Update, update_by_returns
@@ -120,11 +120,7 @@ class RegisteredMap:
     @cached_property
     def landmarks(self) -> Landmarks:
         """Walls and ground."""
-        found = landmarks_of(self.height_map, self._evidence)
-        if not self._is_growing:
-            return found
-        is_open = found.is_open & bordered(self.height_map.known, False)
-        return replace(found, is_open=is_open)
+        return landmarks_of(self.height_map, self._evidence, is_growing=self._is_growing)
 
     @cached_property
     def _evidence(self) -> LayerMap:

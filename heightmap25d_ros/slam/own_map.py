@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.grid.height_map import Area, Geometry, HeightMap
-from heightmap25d_ros.localization.landmarks import Landmarks, bordered, landmarks_of
+from heightmap25d_ros.localization.landmarks import Landmarks, landmarks_of
 from heightmap25d_ros.localization.layers import NAMES, LayerMap
 from heightmap25d_ros.slam.submaps import MappedCells, joined
 
@@ -63,9 +63,7 @@ def landmarks_around(
     seen again, see `sightings`, are none that a scan can be held to.
     """
     height_map, layers = surroundings(submaps, position, reach, resolution)
-    landmarks = landmarks_of(height_map, layers)
-    is_open = landmarks.is_open & bordered(height_map.known, False)
-    landmarks = replace(landmarks, is_open=is_open)
+    landmarks = landmarks_of(height_map, layers, is_growing=True)
     is_confirmed = _confirmed(submaps, landmarks.geometry)
     walls = landmarks.walls.copy()
     walls[landmarks.wall_of[(landmarks.wall_of >= 0) & ~is_confirmed], 2:8] = np.nan
