@@ -61,10 +61,11 @@ def keyframes_of(true, T_odom_base, points_of):
     ]
 
 
-def keyframe_of(number, T_odom_base, returns):
+def keyframe_of(number, T_odom_base, returns, edges=()):
     laser = se3.transform_points(T_odom_base, [[*LASER]])
     returns, origins = np.broadcast_arrays(returns.astype(np.float32), laser.astype(np.float32))
-    return Keyframe(number, 0, np.eye(4), T_odom_base, returns, origins)
+    edges = np.reshape(edges, (-1, 3)).astype(np.float32)
+    return Keyframe(number, 0, np.eye(4), T_odom_base, returns, origins, edges)
 
 
 def drive(seed, count=40, tilt=0.0):
@@ -157,6 +158,28 @@ def test_one_crate_that_a_level_laser_sees_tells_of_wheels_that_slip_by_a_third(
     keyframes = keyframes_of(true, odometry, points)
     found = refined(keyframes, np.broadcast_to(np.eye(4), true.shape), PARAMS)
     assert away(found, true, keyframes).max() < 0.03
+
+
+def test_along_a_corridor_the_jambs_of_a_door_tell_how_far_the_robot_came():
+    """Wheels slip by a tenth, and nothing else is seen but two smooth walls."""
+    rng, count = np.random.default_rng(10), 30
+    true = np.broadcast_to(np.eye(4), (count, 4, 4)).copy()
+    true[:, 0, 3] = np.linspace(0.0, 2.4, count)
+    odometry = true.copy()
+    odometry[:, 0, 3] *= 0.9
+    jambs = np.array([(2.0, 1.2, 0.6), (2.9, 1.2, 0.6)])
+    keyframes = []
+    for k in range(count):
+        walls = np.column_stack([rng.uniform(-4, 8, 200), rng.choice([-1.2, 1.2], 200)])
+        seen = np.column_stack([walls, np.full(200, 0.6)]) + rng.normal(0.0, 0.005, (200, 3))
+        edges = jambs + rng.normal(0.0, [0.01, 0.01, 0.0], (2, 3))
+        back = odometry[k] @ se3.inverse(true[k])
+        parts = (se3.transform_points(back, points) for points in (seen, edges))
+        keyframes.append(keyframe_of(k, odometry[k], *parts))
+    unmoved = np.broadcast_to(np.eye(4), true.shape)
+    blind = [keyframe._replace(edges=keyframe.edges[:0]) for keyframe in keyframes]
+    assert away(refined(blind, unmoved, PARAMS), true, keyframes).max() > 0.1
+    assert away(refined(keyframes, unmoved, PARAMS), true, keyframes).max() < 0.02
 
 
 def rows_ahead(true, ground, rng, noise):
