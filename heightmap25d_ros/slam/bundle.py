@@ -30,14 +30,12 @@ from heightmap25d_ros.slam.patches import STATES, NormalEquations, Returns, add_
 WINDOW, _OVERLAP = 400, 120
 """Keyframes that are refined together at most."""
 
-_SPARSE = 3  # of so many keyframes one is refined first, which costs a tenth
+_SPARSE, _SPARSE_STEPS = 3, 2  # of so many keyframes one is refined first, which costs a tenth
 _WIDE, _NEAR, _NARROW = 1.0, 0.12, 0.04  # [m] tolerance from a patch: first, of all keyframes, last
 _NARROWING = 0.25, 0.75  # at most and at least, from one step to the next; between these the
 _FOLLOWS = 10.0  # tolerance is so many times as long as the last step: soon narrow if little moves
-_MOST_STEPS, _CONVERGED = (
-    5,
-    1e-3,
-)  # with the last tolerance; [m] rms by which the last step bends the drive
+_STEPS = 5  # with the last tolerance at most
+_CONVERGED = 1e-3  # [m] rms by which the last step bends the drive
 _SETTLED = 0.02  # [m] rms by which a stretch is bent that need not be refined again
 _FIRST_SLIP = 0.2  # standard deviation per distance, until it is known how much wheels have slipped
 _REACH = 30.0  # [m] in the plane, from the robot to returns that are used
@@ -149,10 +147,10 @@ def _solved(
 ) -> Refined:
     """Refine a stretch, with covariances for pairs (P, 2) of its keyframes."""
     some = _Stretch(keyframes[::_SPARSE], T_map_odom[::_SPARSE], params)
-    some.solve(_WIDE, _NEAR, 2)
+    some.solve(_WIDE, _NEAR, _SPARSE_STEPS)
     moved = some.T_map_odom()[np.arange(len(keyframes)) // _SPARSE]  # others as the one before
     stretch = _Stretch(keyframes, moved, params)
-    stretch.solve(_NEAR, _NARROW, _MOST_STEPS)
+    stretch.solve(_NEAR, _NARROW, _STEPS)
     return Refined(stretch.T_map_odom(), stretch.tilts(), stretch.covariances(pairs))
 
 

@@ -17,7 +17,7 @@ from heightmap25d_ros.slam.patches import STATES, NormalEquations, Returns, add_
 
 _LEVEL = 0.1  # vertical component of a beam at most: others end at upper and lower rims, too
 _JUMP = 0.3  # [m] of the range, at least
-_FLAT = 0.1  # [m] from the edge to the next return on its own side, at most
+_DENSE = 0.08  # [m] from the edge to the next return on its own side, at most
 _STEEPER = 3.0  # times that, by which the jump is larger: no wall that beams graze
 _NOTHING = 1e3  # [m] where no return is
 _AREA = 0.5  # [m] side of the squares in which edges are the same one
@@ -39,7 +39,8 @@ def edges_of(beams: Beams) -> Array:
     found, near = [np.empty((0, 3))], np.arange(1, len(ranges) - 1)
     for side in (1, -1):
         step = np.abs(ranges[near] - ranges[near - side])
-        is_edge = is_solid[near] & is_solid[near - side] & (step < _FLAT)
+        apart = np.linalg.norm(beams.ends[near] - beams.ends[near - side], axis=1)
+        is_edge = is_solid[near] & is_solid[near - side] & (apart < _DENSE)
         is_edge &= ranges[near + side] - ranges[near] > _JUMP + _STEEPER * step
         edge = near[is_edge & (np.abs(aimed[near, 2]) < _LEVEL)]
         between = aimed[edge] + aimed[edge + side]

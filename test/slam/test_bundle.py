@@ -99,6 +99,15 @@ def test_a_bent_drive_is_straightened():
     np.testing.assert_allclose(turned, 0.0, atol=1e-9)
 
 
+@pytest.mark.parametrize("count", [2, 3, 4])
+def test_a_drive_of_a_few_keyframes_is_refined(count):
+    true, keyframes, _ = drive(11, count=80)
+    unmoved = np.broadcast_to(np.eye(4), (count, 4, 4))
+    found = refined(keyframes[:count], unmoved, PARAMS, [0, count - 1])
+    assert away(found, true[:count], keyframes[:count]).max() < 0.02
+    assert np.isfinite(found.covariances).all()
+
+
 def test_roll_and_pitch_are_found():
     _, keyframes, tilts = drive(2, tilt=PARAMS.tilt_noise)
     unmoved = np.broadcast_to(np.eye(4), (len(tilts), 4, 4))
@@ -115,6 +124,23 @@ def test_a_long_drive_is_refined_in_stretches(monkeypatch):
     assert away(found, true, keyframes).max() < 0.05
     steps = np.diff(se3.to_xyz_rpy(found.T_map_odom), axis=0)
     assert np.abs(steps[:, :3]).max() < 0.02  # nothing jumps where stretches meet
+
+
+def test_stretches_that_are_not_bent_are_not_refined_again(monkeypatch):
+    """Neither as they were, nor turned and moved as a whole; one that is bent is."""
+    true, keyframes, _ = drive(3)
+    unmoved = np.broadcast_to(np.eye(4), (len(true), 4, 4))
+    marks = [0, 20, 39]
+    known = refined(keyframes, unmoved, PARAMS, marks)
+    whole = se3.from_xyz_rpy([0.5, -0.2, 0.0, 0.0, 0.0, 0.1]) @ known.T_map_odom
+    with monkeypatch.context() as context:
+        context.setattr(bundle, "_solved", None)
+        again = refined(keyframes, whole, PARAMS, marks, known)
+    np.testing.assert_allclose(again.T_map_odom, whole, atol=1e-12)
+    np.testing.assert_array_equal(again.covariances, known.covariances)
+    np.testing.assert_array_equal(again.tilts, known.tilts)
+    bent = refined(keyframes, unmoved, PARAMS, marks, known)
+    np.testing.assert_allclose(bent.T_map_odom, known.T_map_odom, atol=1e-12)
 
 
 def test_rows_that_a_level_laser_sees_on_a_slope_do_not_hold_the_robot():
