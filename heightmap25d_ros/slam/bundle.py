@@ -33,10 +33,10 @@ WINDOW, _OVERLAP = 400, 120
 _SPARSE, _SPARSE_STEPS = 3, 2  # of so many keyframes one is refined first, which costs a tenth
 _WIDE, _NEAR, _NARROW = 1.0, 0.12, 0.04  # [m] tolerance from a patch: first, of all keyframes, last
 _NARROWING = 0.25, 0.75  # at most and at least, from one step to the next; between these the
-_FOLLOWS = 10.0  # tolerance is so many times as long as the last step: soon narrow if little moves
+_FOLLOWS = 5.0  # tolerance is so many times as long as the last step: soon narrow if little moves
 _STEPS = 5  # with the last tolerance at most
-_CONVERGED = 1e-3  # [m] rms by which the last step bends the drive
-_SETTLED = 0.02  # [m] rms by which a stretch is bent that need not be refined again
+_CONVERGED = 3e-3  # [m] by which the last step bends the drive
+_SETTLED = 0.05  # [m] by which a stretch is bent that need not be refined again
 _FIRST_SLIP = 0.2  # standard deviation per distance, until it is known how much wheels have slipped
 _REACH = 30.0  # [m] in the plane, from the robot to returns that are used
 _START = (1e-3, 1e-3, 1e-3, 1e-3)  # [m], [m], [rad], [m] deviation of the first pose
@@ -162,11 +162,11 @@ def _is_settled(keyframes: Sequence[Keyframe], now: se3.Matrix, before: se3.Matr
 
 
 def _bend(moves: Array, at: Array) -> float:
-    """Moves (K, 2) of places (K, 2) [m]: rms of what is left if all turn and move as one."""
+    """Moves (K, 2) of places (K, 2) [m]: the largest that is left if all turn and move as one."""
     at, moves = at - at.mean(axis=0), moves - moves.mean(axis=0)
     aside = np.column_stack([-at[:, 1], at[:, 0]])
     moves -= (aside * moves).sum() / max(np.square(at).sum(), _LEAST_VARIANCE) * aside
-    return float(np.sqrt(np.mean(np.square(moves))))
+    return float(np.hypot(*moves.T).max())
 
 
 class _Steps(NamedTuple):
