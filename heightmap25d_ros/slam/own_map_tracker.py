@@ -356,7 +356,10 @@ class OwnMapTracker:
         slam = self._params.slam
         self._refreshed, self._is_new_around = self.distance, False
         self._landmarks = landmarks_around(
-            self._map.active, self.T_map_base[:3, 3], slam.reach, self._params.grid.resolution
+            self._map.active(self.T_map_base),
+            self.T_map_base[:3, 3],
+            slam.reach,
+            self._params.grid.resolution,
         )
 
     def _next_submap(self, stamp_ns: int) -> None:
@@ -377,7 +380,7 @@ class OwnMapTracker:
     def _look_back(self, stamp_ns: int) -> None:
         """Search older submaps for the robot."""
         T_map_base = self.T_map_base
-        candidate = self._map.candidate(T_map_base[:3, 3])
+        candidate = self._map.candidate(T_map_base)
         if candidate is None:
             return
         returns = [
