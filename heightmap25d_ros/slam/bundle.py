@@ -30,9 +30,9 @@ from heightmap25d_ros.slam.patches import STATES, NormalEquations, Returns, add_
 WINDOW, _OVERLAP = 400, 120
 """Keyframes that are refined together at most."""
 
-_SPARSE, _SPARSE_STEPS = 3, 2  # of so many keyframes one is refined first, which costs a tenth
+_SPARSE, _SPARSE_STEPS = 3, 8  # of so many keyframes one is refined first, which costs a tenth
 _WIDE, _NEAR, _NARROW = 1.0, 0.12, 0.04  # [m] tolerance from a patch: first, of all keyframes, last
-_NARROWING = 0.25, 0.75  # at most and at least, from one step to the next; between these the
+_NARROWING = 0.5, 0.9  # at most and at least, from one step to the next; between these the
 _FOLLOWS = 5.0  # tolerance is so many times as long as the last step: soon narrow if little moves
 _STEPS = 5  # with the last tolerance at most
 _CONVERGED = 3e-3  # [m] by which the last step bends the drive
@@ -120,8 +120,7 @@ def refined(
     found, tilts = T_map_odom.copy(), np.zeros((len(keyframes), 2))
     pairs = np.column_stack([marks[:-1], marks[1:]]).astype(np.int64)
     covariances = np.zeros((len(pairs), 4, 4))
-    last = max(len(keyframes) - WINDOW, 0)
-    for begin in [*range(0, last, WINDOW - _OVERLAP), last]:
+    for begin in range(0, max(len(keyframes) - _OVERLAP, 1), WINDOW - _OVERLAP):
         part = np.s_[begin : begin + WINDOW]
         skipped = _OVERLAP // 2 if begin else 0
         inside = (pairs[:, 1] >= begin + skipped) & (pairs[:, 1] < begin + WINDOW)
