@@ -96,7 +96,7 @@ class OwnMapLocalization:
             found = self._finder.estimate
             return OwnEstimate(found.T_map_odom, found.covariance, found.deviation)
         own = self._own
-        return OwnEstimate(own.estimate.T_map_odom, own.covariance(), own.estimate.deviation)
+        return OwnEstimate(own.T_map_wheels, own.covariance(), own.estimate.deviation)
 
     def set_params(self, params: Params) -> None:
         """Apply new parameters, to maps that are begun from now on."""
@@ -152,7 +152,7 @@ class OwnMapLocalization:
         """The clock has jumped: scans of before do not go with those of now; the map stays."""
         if self._finder is not None:
             self._finder.forget()
-        self._own.mend(self._own.estimate.T_map_odom)
+        self._own.mend(self._own.T_map_wheels)
 
     def move(self, T_odom_base: se3.Matrix) -> None:
         """Predict with the newest pose (4, 4) of the odometry, until the robot is found.
