@@ -292,7 +292,11 @@ class OwnMapTracker:
         if found.reason not in CONTRADICTIONS:
             self._window.confirm()
         self._drift.see(found)
-        if self._is_recording and self.distance - self._kept >= _KEYFRAME_DISTANCE:
+        # The first update has one scan, of the ground perhaps, and the frame is what it tells of.
+        is_beginning = self.distance < _KEYFRAME_DISTANCE
+        if self._is_recording and (
+            is_beginning or self.distance - self._kept >= _KEYFRAME_DISTANCE
+        ):
             self._keep()
         if self.distance - self._viewed >= _VIEW_DISTANCE:
             self._viewed = self.distance
