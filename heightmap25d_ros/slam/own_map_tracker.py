@@ -181,7 +181,7 @@ class OwnMapTracker:
         self._refreshed = self._submap_begun = self._viewed = self._kept = -np.inf
         self._agreed = 0.0  # [m] travelled at the last update that the map did not contradict
         self._observed = 0.0  # [m] travelled at the last one that observed something
-        self._is_contradicted = False
+        self._is_contradicted = self._is_on_saved = False
         self._drift = Drift(params, self.estimate)
         self._inserted_ns = 0
         self._is_new_around = False
@@ -299,7 +299,8 @@ class OwnMapTracker:
         if self._landmarks is None:
             self._window.confirm()
             return
-        found = self.estimate.update_growing(returns, self._T_odom_base, self._landmarks)
+        update = self.estimate.update if self._is_on_saved else self.estimate.update_growing
+        found = update(returns, self._T_odom_base, self._landmarks)
         self.last = found
         self._is_new_around = found.known < _MOSTLY_KNOWN
         if found.reason in (Reason.ACCEPTED, Reason.UNOBSERVED):
@@ -310,7 +311,11 @@ class OwnMapTracker:
         if found.reason not in CONTRADICTIONS:
             self._window.confirm()
         self._drift.see(found)
-        if self._is_recording and self.distance - self._kept >= _KEYFRAME_DISTANCE:
+        # The first update has one scan, of the ground perhaps, and the frame is what it tells of.
+        is_beginning = self.distance < _KEYFRAME_DISTANCE
+        if self._is_recording and (
+            is_beginning or self.distance - self._kept >= _KEYFRAME_DISTANCE
+        ):
             self._keep()
         if self.distance - self._viewed >= _VIEW_DISTANCE:
             self._viewed = self.distance
@@ -358,11 +363,23 @@ class OwnMapTracker:
             self._refresh()
 
     def _refresh(self) -> None:
-        """Use what has been mapped since."""
+        """Use what has been mapped since; on a saved map it alone, as long as scans agree with it.
+
+        What was mapped since errs as the pose does, and would confirm its errors.
+        """
         slam = self._params.slam
+        is_contradicted = self.last is not None and self.last.reason in CONTRADICTIONS
+        saved = self._map.saved_landmarks(self.T_map_base)
+        self._is_on_saved = not (saved is None or is_contradicted or self._is_new_around)
         self._refreshed, self._is_new_around = self.distance, False
+        if self._is_on_saved:
+            self._landmarks = saved
+            return
         self._landmarks = landmarks_around(
-            self._map.active, self.T_map_base[:3, 3], slam.reach, self._params.grid.resolution
+            self._map.active(self.T_map_base),
+            self.T_map_base[:3, 3],
+            slam.reach,
+            self._params.grid.resolution,
         )
 
     def _next_submap(self, stamp_ns: int) -> None:
@@ -383,7 +400,7 @@ class OwnMapTracker:
     def _look_back(self, stamp_ns: int) -> None:
         """Search older submaps for the robot."""
         T_map_base = self.T_map_base
-        candidate = self._map.candidate(T_map_base[:3, 3])
+        candidate = self._map.candidate(T_map_base)
         if candidate is None:
             return
         returns = [
