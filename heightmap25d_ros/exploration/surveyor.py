@@ -15,7 +15,7 @@ from heightmap25d_ros.exploration.looks import Looks
 from heightmap25d_ros.exploration.sight import Scenery
 from heightmap25d_ros.exploration.survey import LEVEL, Survey
 from heightmap25d_ros.exploration.travel_costs import travel_costs, travel_costs_over_levels
-from heightmap25d_ros.exploration.unseen_decks import deck_edges
+from heightmap25d_ros.exploration.unseen_decks import decks, edges
 from heightmap25d_ros.grid.height_map import Geometry, HeightMap
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.planning.boundary import Boundary
@@ -42,7 +42,8 @@ class Surveyor:
     Attributes
     ----------
     is_doubting : bool
-        Whether obstacles that may be noise are as good as unknown; on maps of one level.
+        Whether obstacles that may be noise are as good as unknown, on maps of one level; and what
+        is beyond drops, where a deck may go on.
     """
 
     def __init__(self, params: Params, boundary: Boundary, looks: Looks) -> None:
@@ -66,7 +67,10 @@ class Surveyor:
             else np.full(geometry.shape, np.inf)
         )
         survey = self._offered(graph, height_map.known, costs, robot, is_one_level=True)
-        return self._in_doubt(survey, height_map) if self.is_doubting else survey
+        if not self.is_doubting:
+            return survey
+        doubted = self._in_doubt(survey, height_map)
+        return _with_others([doubted, *self._beyond_edges(survey, [doubted])])
 
     def _in_doubt(self, survey: Survey, height_map: HeightMap) -> Survey:
         """The same, with what lies behind ground that the robot might come to after all.
@@ -117,37 +121,49 @@ class Surveyor:
             ]
             counted = ~np.any(before, axis=0) if before else survey.counted
             surveys.append(replace(_without_wanted_of(survey, surveys), counted=counted))
-        beyond = [
-            self._beyond_decks(survey, levels.layers[number])
-            for number, survey in zip(order, surveys, strict=True)
-        ]
-        others = *surveys[1:], *(survey for survey in beyond if survey is not None)
-        return replace(surveys[0], others=others)
+        for number, survey in zip(order, surveys.copy(), strict=True):
+            surveys += self._beyond_edges(survey, surveys, decks(levels.layers[number]))
+        if self.is_doubting:
+            for survey in surveys[: len(order)]:
+                surveys += self._beyond_edges(survey, surveys)
+        return _with_others(surveys)
 
-    def _beyond_decks(self, survey: Survey, layer: NDArray[np.int8]) -> Survey | None:
-        """What a slice, of which each cell is in a layer, offers to one who is on its decks."""
-        own, geometry = self._params.exploration, survey.geometry
-        edges = deck_edges(
-            layer,
-            survey.scenery.height,
-            np.isfinite(survey.costs),
+    def _beyond_edges(
+        self, survey: Survey, before: list[Survey], decks: Mask | None = None
+    ) -> list[Survey]:
+        """What a slice offers, besides surveys before, to one who is above its drops: one or none.
+
+        On decks it is as certain as what the slice offers itself; elsewhere it is doubted.
+        """
+        if self._params.levels.max_surfaces == 1:
+            return []
+        own, geometry, scenery = self._params.exploration, survey.geometry, survey.scenery
+        touched = self._touched(scenery.known, survey.occupied, survey.costs, geometry)
+        drops = edges(
+            touched if decks is None else touched & decks,
+            scenery.known,
+            scenery.height,
             depth=own.frontier_depth / geometry.resolution,
             clear_height=self._params.levels.clear_height,
             max_step=self._params.traversability.max_step,
         )
-        if edges is None:
-            return None
-        known = survey.scenery.known & ~edges.beyond
-        looks = self._looks.of(geometry, edges.height)
-        allowed = edges.beyond & self.inside(geometry)
-        costs = np.where(edges.deck, survey.costs, np.inf)
-        closed = survey.occupied & ~edges.rim
-        wanted, fresh = self._wanted(known, closed, costs, allowed, looks, geometry)
-        scenery = replace(survey.scenery, height=edges.height, known=known, wanted=wanted)
-        nothing = np.zeros(known.shape, np.bool_)
-        return replace(
-            survey, costs=costs, scenery=scenery, counted=nothing, fresh=fresh, certain=wanted
+        if drops is None:
+            return []
+        known, height = scenery.known & ~drops.beyond, scenery.height.copy()
+        wanted, fresh = self._wanted(
+            known, drops.ground, self.inside(geometry), height, geometry, is_one_level=False
         )
+        nothing = np.zeros(known.shape, np.bool_)
+        found = replace(
+            survey,
+            costs=np.where(drops.beyond, np.inf, survey.costs),
+            scenery=replace(scenery, height=height, known=known, wanted=wanted),
+            occupied=survey.occupied & ~drops.ground & ~drops.beyond,
+            counted=nothing,
+            fresh=nothing if decks is None else fresh,
+            certain=nothing if decks is None else wanted,
+        )
+        return [_without_wanted_of(found, before)]
 
     def _offered(
         self,
@@ -164,8 +180,10 @@ class Surveyor:
         costs[~is_inside] = np.inf
         # Where no known cell is near nothing is wanted.
         height = np.where(np.isnan(graph.height), np.float32(0.0), graph.height)
-        looks = self._looks.of(geometry, None if is_one_level else height)
-        wanted, fresh = self._wanted(known, graph.occupied, costs, is_inside, looks, geometry)
+        touched = self._touched(known, graph.occupied, costs, geometry)
+        wanted, fresh = self._wanted(
+            known, touched, is_inside, height, geometry, is_one_level=is_one_level
+        )
         scenery = Scenery(
             height=height,
             known=known,
@@ -188,32 +206,41 @@ class Surveyor:
     def _wanted(
         self,
         known: Mask,
-        occupied: Mask,
-        costs: NDArray[np.float64],
+        touched: Mask,
         allowed: Mask,
-        looks: NDArray[np.int16],
+        height: NDArray[np.float32],
         geometry: Geometry,
+        *,
+        is_one_level: bool,
     ) -> tuple[Mask, Mask]:
         """What matters of the unknown where it is allowed; and the same by what was never missed.
 
         Parameters
         ----------
-        known, occupied : (rows, columns) bool
-        costs : (rows, columns) float64 [m]
-        allowed : (rows, columns) bool
-        looks : (rows, columns) int16
-            In vain.
+        known, touched, allowed : (rows, columns) bool
+            As of `frontiers.wanted`.
+        height : (rows, columns) float32 [m]
+            It goes on into what matters, in place.
         geometry : Geometry
+        is_one_level : bool
+            Looks at other heights count as well.
         """
-        own, side = self._params.exploration, geometry.resolution
-        margin = self._params.traversability.robot_radius + self._params.planner.unknown_margin
-        touched = frontiers.touched(known, occupied, np.isfinite(costs), margin / side)
-        depth = own.frontier_depth / side
-        wanted = frontiers.wanted(known, touched, allowed & (looks < own.looks), depth)
+        own = self._params.exploration
+        depth = own.frontier_depth / geometry.resolution
+        wanted = frontiers.wanted(known, touched, allowed, depth, height)
+        looks = self._looks.of(geometry, None if is_one_level else height)
         is_missed = wanted & (looks > 0)
         if not is_missed.any():
             return wanted, wanted
+        wanted = frontiers.wanted(known, touched, wanted & (looks < own.looks), depth)
         return wanted, frontiers.wanted(known, touched, wanted & ~is_missed, depth)
+
+    def _touched(
+        self, known: Mask, occupied: Mask, costs: NDArray[np.float64], geometry: Geometry
+    ) -> Mask:
+        """The free cells that the robot touches."""
+        margin = self._params.traversability.robot_radius + self._params.planner.unknown_margin
+        return frontiers.touched(known, occupied, np.isfinite(costs), margin / geometry.resolution)
 
 
 def _without_wanted_of(survey: Survey, before: list[Survey]) -> Survey:
@@ -223,3 +250,7 @@ def _without_wanted_of(survey: Survey, before: list[Survey]) -> Survey:
         is_same = np.abs(other.scenery.height - survey.scenery.height) < LEVEL
         free &= ~(other.scenery.wanted & is_same)
     return survey.restricted(free)
+
+
+def _with_others(surveys: list[Survey]) -> Survey:
+    return replace(surveys[0], others=tuple(surveys[1:]))
