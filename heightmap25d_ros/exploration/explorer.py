@@ -106,32 +106,38 @@ class Explorer:
 
         Where there is none, what was looked for in vain, and may be seen from elsewhere, counts as
         well for places that are as near as the robot sees. Then what opens ways to ``min_gain`` of
-        new ground.
+        new ground, and what is beyond drops.
         """
         least = self._params.exploration.min_gain
         choice = self._best(_with_slices([s.restricted(s.fresh) for s in survey.slices]), least)
         if choice.goal is None:
             certain = _with_slices([s.restricted(s.certain) for s in survey.slices])
             choice = self._best(certain, least, farthest=self._params.exploration.sight)
-        if choice.goal is not None:
-            return choice
-        opened = [self._opened(part) for part in survey.slices]
-        if not any(part.scenery.wanted.any() for part in opened):
-            return choice
-        return self._best(_with_slices(opened), OPENING * least)
+        if choice.goal is None:
+            choice = self._best_of(self._opened(survey), OPENING * least) or choice
+        if choice.goal is None:
+            choice = self._best_of(_beyond_drops(survey), least) or choice
+        return choice
 
-    def _opened(self, survey: Survey) -> Survey:
+    def _best_of(self, parts: Sequence[Survey], least: float) -> Choice | None:
+        """As `_best`, over slices of which there may be none; None: nothing is wanted in them."""
+        is_wanted = any(part.scenery.wanted.any() for part in parts)
+        return self._best(_with_slices(parts), least) if is_wanted else None
+
+    def _opened(self, survey: Survey) -> list[Survey]:
         """What opens ways; obstacles that are doubted have to be seen from near."""
+        return [self._opened_in(part) for part in survey.slices if not part.is_beyond_drops]
+
+    def _opened_in(self, survey: Survey) -> Survey:
         doubted = survey.scenery.wanted & ~survey.certain
         opened = survey.restricted((survey.fresh | doubted) & self._openings(survey))
-        if not doubted.any():
-            return opened
-        reach = NEAR_LOOK / survey.geometry.resolution
-        scenery = replace(opened.scenery, reach=min(reach, opened.scenery.reach))
-        return replace(opened, scenery=scenery)
+        return _seen_from_near(opened) if doubted.any() else opened
 
     def doubt_obstacles(self) -> bool:
-        """Count obstacles that may be noise as unknown from now on; whether that is new."""
+        """Count obstacles that may be noise, and what is beyond drops, as unknown from now on.
+
+        Whether that is new.
+        """
         is_new, self._surveyor.is_doubting = not self._surveyor.is_doubting, True
         return is_new
 
@@ -216,3 +222,14 @@ class Explorer:
 
 def _with_slices(slices: Sequence[Survey]) -> Survey:
     return replace(slices[0], others=tuple(slices[1:]))
+
+
+def _beyond_drops(survey: Survey) -> list[Survey]:
+    """What is beyond drops, where a deck may go on: to be seen from near."""
+    return [_seen_from_near(part) for part in survey.slices if part.is_beyond_drops]
+
+
+def _seen_from_near(survey: Survey) -> Survey:
+    reach = NEAR_LOOK / survey.geometry.resolution
+    scenery = replace(survey.scenery, reach=min(reach, survey.scenery.reach))
+    return replace(survey, scenery=scenery)

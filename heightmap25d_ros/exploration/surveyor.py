@@ -162,6 +162,7 @@ class Surveyor:
             counted=nothing,
             fresh=nothing if decks is None else fresh,
             certain=nothing if decks is None else wanted,
+            is_beyond_drops=True,
         )
         return [_without_wanted_of(found, before)]
 
