@@ -106,7 +106,7 @@ class Explorer:
 
         Where there is none, what was looked for in vain, and may be seen from elsewhere, counts as
         well for places that are as near as the robot sees. Then what opens ways to ``min_gain`` of
-        new ground, and what is beyond drops.
+        new ground, and what is beyond edges.
         """
         least = self._params.exploration.min_gain
         choice = self._best(_with_slices([s.restricted(s.fresh) for s in survey.slices]), least)
@@ -116,7 +116,7 @@ class Explorer:
         if choice.goal is None:
             choice = self._best_of(self._opened(survey), OPENING * least) or choice
         if choice.goal is None:
-            choice = self._best_of(_beyond_drops(survey), least) or choice
+            choice = self._best_of(_beyond_edges(survey), least) or choice
         return choice
 
     def _best_of(self, parts: Sequence[Survey], least: float) -> Choice | None:
@@ -125,16 +125,15 @@ class Explorer:
         return self._best(_with_slices(parts), least) if is_wanted else None
 
     def _opened(self, survey: Survey) -> list[Survey]:
-        """What opens ways; obstacles that are doubted have to be seen from near."""
-        return [self._opened_in(part) for part in survey.slices if not part.is_beyond_drops]
-
-    def _opened_in(self, survey: Survey) -> Survey:
-        doubted = survey.scenery.wanted & ~survey.certain
-        opened = survey.restricted((survey.fresh | doubted) & self._openings(survey))
-        return _seen_from_near(opened) if doubted.any() else opened
+        """What opens ways; while obstacles are doubted it is seen from near, whatever was missed."""
+        parts = [part for part in survey.slices if not part.is_beyond_edges]
+        opened = [part.restricted(self._openings(part)) for part in parts]
+        if self._surveyor.is_doubting:
+            return [_seen_from_near(part) for part in opened]
+        return [part.restricted(part.fresh) for part in opened]
 
     def doubt_obstacles(self) -> bool:
-        """Count obstacles that may be noise, and what is beyond drops, as unknown from now on.
+        """Count obstacles that may be noise, and what is beyond edges, as unknown from now on.
 
         Whether that is new.
         """
@@ -224,9 +223,9 @@ def _with_slices(slices: Sequence[Survey]) -> Survey:
     return replace(slices[0], others=tuple(slices[1:]))
 
 
-def _beyond_drops(survey: Survey) -> list[Survey]:
+def _beyond_edges(survey: Survey) -> list[Survey]:
     """What is beyond drops, where a deck may go on: to be seen from near."""
-    return [_seen_from_near(part) for part in survey.slices if part.is_beyond_drops]
+    return [_seen_from_near(part) for part in survey.slices if part.is_beyond_edges]
 
 
 def _seen_from_near(survey: Survey) -> Survey:

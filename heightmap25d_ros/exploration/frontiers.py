@@ -64,8 +64,7 @@ def wanted(
         Unknown cells elsewhere are not wanted.
     depth : float [cells]
     height : (rows, columns) float32 [m], optional
-        In the cells that matter it becomes that of the frontier before them, in place: the ground
-        goes on. The known cell that is nearest to them may be a wall.
+        In the cells that matter it becomes that of the frontier before them, in place.
 
     Examples
     --------

@@ -4,10 +4,8 @@
 
 Rays go out over the heights of the map from above the ground at a cell. A cell is seen where the
 line of sight to it is steeper than that to every known cell before it: walls and ridges hide what
-is behind them, edges what is below them. Unknown cells hide nothing, and are as high as the ground
-before them. Nearer than a radius no ground is seen, since the sensor's beams pass above it.
-Nor is what is higher than the sensor: scanners look ahead and down. So the upper part of a ramp is
-not seen from its foot, though nothing hides it.
+is behind them, edges what is below them. Unknown cells hide nothing, and are as high as the
+nearest known cell. Nearer than a radius no ground is seen, since the sensor's beams pass above it.
 """
 
 from __future__ import annotations
@@ -27,9 +25,6 @@ from heightmap25d_ros.kernels import inlined_kernel, kernel
 _STEP = 0.7
 """Between two samples of a ray [cells]."""
 
-_RISE = 0.25
-"""So much higher than the ground before it unknown ground may be [m]."""
-
 _SECTORS = 16
 """Of rays: those in which nothing is wanted are not looked along."""
 
@@ -43,7 +38,7 @@ class Scenery:
     Attributes
     ----------
     height : (rows, columns) float32 [m]
-        In wanted cells that of the ground before them.
+        In unknown cells that of the nearest known one.
     known : (rows, columns) bool
     wanted : (rows, columns) bool
         Unknown cells that are worth being seen.
@@ -231,8 +226,7 @@ def _look_along(terrain, rays, cells, place, stamps, stamp, seen, count):
         if known[y, x]:
             steepest = max(steepest, (height[y, x] - eye) / distances[n])
         elif wanted[y, x] and stamps[y, x] != stamp and distances[n] >= blind:
-            above = height[y, x] - eye
-            if above > -_RISE or above / distances[n] < steepest:
+            if (height[y, x] - eye) / distances[n] < steepest:
                 continue
             stamps[y, x] = stamp
             seen[count] = y, x

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from heightmap25d_ros.exploration import frontiers
 from heightmap25d_ros.exploration.doubtful_obstacles import doubtful
@@ -70,7 +71,7 @@ class Surveyor:
         if not self.is_doubting:
             return survey
         doubted = self._in_doubt(survey, height_map)
-        return _with_others([doubted, *self._beyond_edges(survey, [doubted])])
+        return _with_others([doubted, *self._beyond_all_edges(survey, [doubted])])
 
     def _in_doubt(self, survey: Survey, height_map: HeightMap) -> Survey:
         """The same, with what lies behind ground that the robot might come to after all.
@@ -120,51 +121,68 @@ class Surveyor:
                 for k, other in zip(order, surveys, strict=False)
             ]
             counted = ~np.any(before, axis=0) if before else survey.counted
-            surveys.append(replace(_without_wanted_of(survey, surveys), counted=counted))
+            surveys.append(replace(_without_those(survey, surveys), counted=counted))
         for number, survey in zip(order, surveys.copy(), strict=True):
             surveys += self._beyond_edges(survey, surveys, decks(levels.layers[number]))
         if self.is_doubting:
             for survey in surveys[: len(order)]:
-                surveys += self._beyond_edges(survey, surveys)
+                surveys += self._beyond_all_edges(survey, surveys)
         return _with_others(surveys)
 
-    def _beyond_edges(
-        self, survey: Survey, before: list[Survey], decks: Mask | None = None
-    ) -> list[Survey]:
-        """What a slice offers, besides surveys before, to one who is above its drops: one or none.
+    def _beyond_all_edges(self, survey: Survey, before: list[Survey]) -> list[Survey]:
+        """What may be beyond drops, and below what the robot drives on."""
+        drops = self._beyond_edges(survey, before)
+        return [*drops, *self._beyond_edges(survey, [*before, *drops], is_below=True)]
 
-        On decks it is as certain as what the slice offers itself; elsewhere it is doubted.
+    def _beyond_edges(
+        self,
+        survey: Survey,
+        before: list[Survey],
+        decks: Mask | None = None,
+        *,
+        is_below: bool = False,
+    ) -> list[Survey]:
+        """What a slice offers at edges of its ground, besides surveys before: one survey or none.
+
+        At edges of decks it is as certain as what the slice offers itself; elsewhere it is doubted.
         """
         if self._params.levels.max_surfaces == 1:
             return []
         own, geometry, scenery = self._params.exploration, survey.geometry, survey.scenery
+        clear_height, depth = (
+            self._params.levels.clear_height,
+            own.frontier_depth / geometry.resolution,
+        )
         touched = self._touched(scenery.known, survey.occupied, survey.costs, geometry)
-        drops = edges(
+        found = edges(
             touched if decks is None else touched & decks,
-            scenery.known,
-            scenery.height,
-            depth=own.frontier_depth / geometry.resolution,
-            clear_height=self._params.levels.clear_height,
+            touched if is_below else scenery.known,
+            -scenery.height if is_below else scenery.height,
+            depth=depth,
+            clear_height=clear_height,
             max_step=self._params.traversability.max_step,
         )
-        if drops is None:
+        if found is None:
             return []
-        known, height = scenery.known & ~drops.beyond, scenery.height.copy()
-        wanted, fresh = self._wanted(
-            known, drops.ground, self.inside(geometry), height, geometry, is_one_level=False
-        )
+        known, height = scenery.known & ~found.beyond, scenery.height.copy()
+        allowed = self.inside(geometry)
+        frontiers.wanted(known, found.ground, allowed, depth, height)
+        looks = self._looks.of(geometry, height)
+        wanted, fresh = self._wanted(known, found.ground, allowed, looks, geometry)
         nothing = np.zeros(known.shape, np.bool_)
-        found = replace(
+        offered = replace(
             survey,
-            costs=np.where(drops.beyond, np.inf, survey.costs),
+            costs=np.where(
+                _are_level(scenery.height, found.ground, clear_height), survey.costs, np.inf
+            ),
             scenery=replace(scenery, height=height, known=known, wanted=wanted),
-            occupied=survey.occupied & ~drops.ground & ~drops.beyond,
+            occupied=survey.occupied & ~found.ground & ~found.beyond,
             counted=nothing,
             fresh=nothing if decks is None else fresh,
             certain=nothing if decks is None else wanted,
-            is_beyond_drops=True,
+            is_beyond_edges=True,
         )
-        return [_without_wanted_of(found, before)]
+        return [_without_those(offered, before)]
 
     def _offered(
         self,
@@ -181,10 +199,9 @@ class Surveyor:
         costs[~is_inside] = np.inf
         # Where no known cell is near nothing is wanted.
         height = np.where(np.isnan(graph.height), np.float32(0.0), graph.height)
+        looks = self._looks.of(geometry, None if is_one_level else height)
         touched = self._touched(known, graph.occupied, costs, geometry)
-        wanted, fresh = self._wanted(
-            known, touched, is_inside, height, geometry, is_one_level=is_one_level
-        )
+        wanted, fresh = self._wanted(known, touched, is_inside, looks, geometry)
         scenery = Scenery(
             height=height,
             known=known,
@@ -209,10 +226,8 @@ class Surveyor:
         known: Mask,
         touched: Mask,
         allowed: Mask,
-        height: NDArray[np.float32],
+        looks: NDArray[np.int16],
         geometry: Geometry,
-        *,
-        is_one_level: bool,
     ) -> tuple[Mask, Mask]:
         """What matters of the unknown where it is allowed; and the same by what was never missed.
 
@@ -220,20 +235,16 @@ class Surveyor:
         ----------
         known, touched, allowed : (rows, columns) bool
             As of `frontiers.wanted`.
-        height : (rows, columns) float32 [m]
-            It goes on into what matters, in place.
+        looks : (rows, columns) int16
+            In vain.
         geometry : Geometry
-        is_one_level : bool
-            Looks at other heights count as well.
         """
         own = self._params.exploration
         depth = own.frontier_depth / geometry.resolution
-        wanted = frontiers.wanted(known, touched, allowed, depth, height)
-        looks = self._looks.of(geometry, None if is_one_level else height)
+        wanted = frontiers.wanted(known, touched, allowed & (looks < own.looks), depth)
         is_missed = wanted & (looks > 0)
         if not is_missed.any():
             return wanted, wanted
-        wanted = frontiers.wanted(known, touched, wanted & (looks < own.looks), depth)
         return wanted, frontiers.wanted(known, touched, wanted & ~is_missed, depth)
 
     def _touched(
@@ -244,13 +255,19 @@ class Surveyor:
         return frontiers.touched(known, occupied, np.isfinite(costs), margin / geometry.resolution)
 
 
-def _without_wanted_of(survey: Survey, before: list[Survey]) -> Survey:
-    """A survey of a slice, without what is wanted in other slices on the same level."""
+def _without_those(survey: Survey, before: list[Survey]) -> Survey:
+    """A survey of a slice, without what others know, or want, on the same level."""
     free = np.ones(survey.geometry.shape, np.bool_)
     for other in before:
         is_same = np.abs(other.scenery.height - survey.scenery.height) < LEVEL
-        free &= ~(other.scenery.wanted & is_same)
+        free &= ~((other.scenery.known | other.scenery.wanted) & is_same)
     return survey.restricted(free)
+
+
+def _are_level(height: NDArray[np.float32], ground: Mask, clear_height: float) -> Mask:
+    """(rows, columns): the cells that are on the level of the ground that is nearest to them."""
+    nearest = ndimage.distance_transform_edt(~ground, return_distances=False, return_indices=True)
+    return np.asarray(np.abs(height - height[tuple(nearest)]) < clear_height)
 
 
 def _with_others(surveys: list[Survey]) -> Survey:

@@ -125,14 +125,13 @@ def test_steep_ground_is_no_edge():
     assert found is None or not found.beyond[:, :20].any()
 
 
-def test_ground_above_the_sensor_is_not_expected_to_be_seen():
-    """The upper part of a ramp from beside its foot; from the ramp itself it is."""
-    height = ramp_to_nowhere().metres
-    height[:, round(7.5 / CELL) :] = np.nan
-    survey = Explorer(Params()).survey(HeightMap.from_metres(height, resolution=CELL), START)
-    below, above = (
-        survey.unseen_around(place) for place in (Pose2D(5.5, 6.5, z=0.0), Pose2D(5.5, 4.0, z=0.5))
-    )
-    on_ramp = [((cells[:, 1] > 2.6) & (cells[:, 1] < 5.4)).sum() for cells in (below, above)]
-    assert on_ramp[0] == 0
-    assert on_ramp[1] > 100
+def test_below_a_deck_that_was_seen_first_the_ground_goes_on():
+    """A yard of which half is covered by a deck; what is below the deck has not been seen."""
+    shown = ramp_to_nowhere()
+    height = shown.metres
+    height[at(height, (HEAD, 15.75), (0.25, 7.75))] = RISE
+    explorer = doubting()
+    looked = visited(explorer, HeightMap.from_metres(height, resolution=CELL))
+    below = [place for place in looked if place.z < 0.1]
+    assert below
+    assert all(HEAD - 3.5 < place.x < HEAD for place in below)
