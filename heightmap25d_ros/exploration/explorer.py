@@ -20,7 +20,7 @@ from scipy import ndimage
 
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.exploration import frontiers
-from heightmap25d_ros.exploration.looks import NEAR_LOOK, Looks
+from heightmap25d_ros.exploration.looks import Looks
 from heightmap25d_ros.exploration.stops import Candidates, best_stops
 from heightmap25d_ros.exploration.survey import LEVEL, Survey
 from heightmap25d_ros.exploration.surveyor import Surveyor
@@ -106,30 +106,26 @@ class Explorer:
 
         Where there is none, what was looked for in vain, and may be seen from elsewhere, counts as
         well for places that are as near as the robot sees. Then what opens ways to ``min_gain`` of
-        new ground, and what is beyond edges.
+        new ground.
         """
         least = self._params.exploration.min_gain
         choice = self._best(_with_slices([s.restricted(s.fresh) for s in survey.slices]), least)
         if choice.goal is None:
             certain = _with_slices([s.restricted(s.certain) for s in survey.slices])
             choice = self._best(certain, least, farthest=self._params.exploration.sight)
-        if choice.goal is None:
-            choice = self._best_of(self._opened(survey), OPENING * least) or choice
-        if choice.goal is None:
-            choice = self._best_of(_beyond_edges(survey), least) or choice
-        return choice
-
-    def _best_of(self, parts: Sequence[Survey], least: float) -> Choice | None:
-        """As `_best`, over slices of which there may be none; None: nothing is wanted in them."""
-        is_wanted = any(part.scenery.wanted.any() for part in parts)
-        return self._best(_with_slices(parts), least) if is_wanted else None
+        if choice.goal is not None:
+            return choice
+        opened = self._opened(survey)
+        if not any(part.scenery.wanted.any() for part in opened):
+            return choice
+        return self._best(_with_slices(opened), OPENING * least)
 
     def _opened(self, survey: Survey) -> list[Survey]:
-        """What opens ways; while obstacles are doubted it is seen from near, whatever was missed."""
+        """What opens ways; seen from near, and missed or not, while obstacles are doubted."""
         parts = [part for part in survey.slices if not part.is_beyond_edges]
         opened = [part.restricted(self._openings(part)) for part in parts]
         if self._surveyor.is_doubting:
-            return [_seen_from_near(part) for part in opened]
+            return [part.seen_from_near() for part in opened]
         return [part.restricted(part.fresh) for part in opened]
 
     def doubt_obstacles(self) -> bool:
@@ -221,14 +217,3 @@ class Explorer:
 
 def _with_slices(slices: Sequence[Survey]) -> Survey:
     return replace(slices[0], others=tuple(slices[1:]))
-
-
-def _beyond_edges(survey: Survey) -> list[Survey]:
-    """What is beyond drops, where a deck may go on: to be seen from near."""
-    return [_seen_from_near(part) for part in survey.slices if part.is_beyond_edges]
-
-
-def _seen_from_near(survey: Survey) -> Survey:
-    reach = NEAR_LOOK / survey.geometry.resolution
-    scenery = replace(survey.scenery, reach=min(reach, survey.scenery.reach))
-    return replace(survey, scenery=scenery)

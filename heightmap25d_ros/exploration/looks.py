@@ -11,11 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heightmap25d_ros.exploration import sight
-from heightmap25d_ros.exploration.survey import LEVEL, Survey
+from heightmap25d_ros.exploration.survey import LEVEL, NEAR_LOOK, Survey
 from heightmap25d_ros.grid.height_map import Geometry
-
-NEAR_LOOK = 3.0
-"""A look from within this distance counts twice [m]."""
 
 
 class Looks:

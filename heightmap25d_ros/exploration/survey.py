@@ -20,6 +20,9 @@ from heightmap25d_ros.planning.search import to_cell
 LEVEL = 0.7
 """Heights that are farther apart are of different levels [m]."""
 
+NEAR_LOOK = 3.0
+"""A look from within this distance counts twice [m]: returns are dense there."""
+
 _SAME_Z = 0.3
 """Slices whose ground is as near to a place are both around it [m]."""
 
@@ -130,3 +133,8 @@ class Survey:
         """The survey of a slice in which only a part (rows, columns) of what is wanted counts."""
         scenery = replace(self.scenery, wanted=self.scenery.wanted & wanted)
         return replace(self, scenery=scenery)
+
+    def seen_from_near(self) -> Survey:
+        """The survey of a slice in which places show only what is near, as by a near look."""
+        reach = min(self.scenery.reach, NEAR_LOOK / self.geometry.resolution)
+        return replace(self, scenery=replace(self.scenery, reach=reach))

@@ -16,7 +16,7 @@ from heightmap25d_ros.exploration.looks import Looks
 from heightmap25d_ros.exploration.sight import Scenery
 from heightmap25d_ros.exploration.survey import LEVEL, Survey
 from heightmap25d_ros.exploration.travel_costs import travel_costs, travel_costs_over_levels
-from heightmap25d_ros.exploration.unseen_decks import decks, edges
+from heightmap25d_ros.exploration.unseen_decks import Edges, decks, edges
 from heightmap25d_ros.grid.height_map import Geometry, HeightMap
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.planning.boundary import Boundary
@@ -71,7 +71,8 @@ class Surveyor:
         if not self.is_doubting:
             return survey
         doubted = self._in_doubt(survey, height_map)
-        return _with_others([doubted, *self._beyond_all_edges(survey, [doubted])])
+        no_decks = np.zeros(height_map.geometry.shape, np.bool_)
+        return _with_others([doubted, *self._beyond_edges(survey, [doubted], no_decks)])
 
     def _in_doubt(self, survey: Survey, height_map: HeightMap) -> Survey:
         """The same, with what lies behind ground that the robot might come to after all.
@@ -124,65 +125,56 @@ class Surveyor:
             surveys.append(replace(_without_those(survey, surveys), counted=counted))
         for number, survey in zip(order, surveys.copy(), strict=True):
             surveys += self._beyond_edges(survey, surveys, decks(levels.layers[number]))
-        if self.is_doubting:
-            for survey in surveys[: len(order)]:
-                surveys += self._beyond_all_edges(survey, surveys)
         return _with_others(surveys)
 
-    def _beyond_all_edges(self, survey: Survey, before: list[Survey]) -> list[Survey]:
-        """What may be beyond drops, and below what the robot drives on."""
-        drops = self._beyond_edges(survey, before)
-        return [*drops, *self._beyond_edges(survey, [*before, *drops], is_below=True)]
+    def _beyond_edges(self, survey: Survey, before: list[Survey], decks: Mask) -> list[Survey]:
+        """What a slice offers at edges of its decks, besides surveys before.
 
-    def _beyond_edges(
-        self,
-        survey: Survey,
-        before: list[Survey],
-        decks: Mask | None = None,
-        *,
-        is_below: bool = False,
-    ) -> list[Survey]:
-        """What a slice offers at edges of its ground, besides surveys before: one survey or none.
-
-        At edges of decks it is as certain as what the slice offers itself; elsewhere it is doubted.
+        While obstacles are doubted, at all edges: above drops, and below what the robot drives on.
         """
         if self._params.levels.max_surfaces == 1:
             return []
-        own, geometry, scenery = self._params.exploration, survey.geometry, survey.scenery
-        clear_height, depth = (
-            self._params.levels.clear_height,
-            own.frontier_depth / geometry.resolution,
-        )
-        touched = self._touched(scenery.known, survey.occupied, survey.costs, geometry)
-        found = edges(
-            touched if decks is None else touched & decks,
-            touched if is_below else scenery.known,
-            -scenery.height if is_below else scenery.height,
-            depth=depth,
-            clear_height=clear_height,
-            max_step=self._params.traversability.max_step,
-        )
-        if found is None:
-            return []
-        known, height = scenery.known & ~found.beyond, scenery.height.copy()
-        allowed = self.inside(geometry)
+        scenery = survey.scenery
+        ground = self._touched(scenery.known, survey.occupied, survey.costs, survey.geometry)
+        if not self.is_doubting:
+            sides = [(ground & decks, scenery.known, scenery.height)]
+        else:
+            sides = [(ground, scenery.known, scenery.height), (ground, ground, -scenery.height)]
+        found: list[Survey] = []
+        for side in sides:
+            edges_there = edges(
+                *side,
+                depth=self._params.exploration.frontier_depth / survey.geometry.resolution,
+                clear_height=self._params.levels.clear_height,
+                max_step=self._params.traversability.max_step,
+            )
+            if edges_there is not None:
+                offered = self._offered_beyond(survey, edges_there)
+                found.append(_without_those(offered, [*before, *found]))
+        return found
+
+    def _offered_beyond(self, survey: Survey, found: Edges) -> Survey:
+        """What edges of a slice offer: to be seen from near.
+
+        From afar a few returns do not tell a deck from what is known there.
+        """
+        own, geometry, before = self._params.exploration, survey.geometry, survey.scenery
+        known, height = before.known & ~found.beyond, before.height.copy()
+        allowed, depth = self.inside(geometry), own.frontier_depth / geometry.resolution
         frontiers.wanted(known, found.ground, allowed, depth, height)
         looks = self._looks.of(geometry, height)
         wanted, fresh = self._wanted(known, found.ground, allowed, looks, geometry)
-        nothing = np.zeros(known.shape, np.bool_)
-        offered = replace(
+        is_level = _are_level(before.height, found.ground, self._params.levels.clear_height)
+        return replace(
             survey,
-            costs=np.where(
-                _are_level(scenery.height, found.ground, clear_height), survey.costs, np.inf
-            ),
-            scenery=replace(scenery, height=height, known=known, wanted=wanted),
+            costs=np.where(is_level, survey.costs, np.inf),
+            scenery=replace(before, height=height, known=known, wanted=wanted),
             occupied=survey.occupied & ~found.ground & ~found.beyond,
-            counted=nothing,
-            fresh=nothing if decks is None else fresh,
-            certain=nothing if decks is None else wanted,
+            counted=np.zeros(known.shape, np.bool_),
+            fresh=fresh,
+            certain=wanted,
             is_beyond_edges=True,
-        )
-        return [_without_those(offered, before)]
+        ).seen_from_near()
 
     def _offered(
         self,
