@@ -6,7 +6,8 @@ Usage: python studies/measure_slam.py [--bags DIR] [--logs BAG ...] [--only SECT
                                       [--worlds NAME ...] [--seeds N ...]
 
 Sections: `laps`; `drift`, the same with three times the drift, or with wheels that slip by 15 %;
-`court`, a long loop; `twins`, searches for loops where one place looks like another; `logs`.
+`laps_merged`, three laps, weaving differently, in one map; `court`, a long loop; `twins`, searches
+for loops where one place looks like another; `logs`.
 
 With --bags, recordings that are in DIR/WORLD_SEED_DRIVE are taken and the others made there;
 without, all are made anew and thrown away. Markdown to the terminal. --logs are recordings of level
@@ -40,6 +41,7 @@ from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.mapping import Mapping
 from heightmap25d_ros.pipelines.replay import replayed
 from heightmap25d_ros.pipelines.slam import Slam, SlamResult, slam_bag
+from heightmap25d_ros.pipelines.slam_drives import DriveTask, join_drives, slam_drive
 from heightmap25d_ros.pose_interpolation import interpolate
 from heightmap25d_ros.simulation import recording
 from heightmap25d_ros.simulation.odometry import OdometryNoise
@@ -54,6 +56,9 @@ PARAMS = with_values(Params(), {"intake.scan_topics": list(SCANS)})
 LEVEL = with_values(Params(), {"intake.scan_topics": ["/scan"]})
 UNCHANGED = ("slip_length", "tilt_sigma", "tilt_time")
 """Of the odometry's noise where it drifts thrice as much."""
+
+DRIVES = (0, 1, 2)
+"""Of the simulator through one world, that become one map."""
 
 SLOW = 10.0
 """Scans per second, in which places that look alike are searched."""
@@ -81,7 +86,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--bags", type=Path, metavar="DIR", help="where recordings are, or go to")
     parser.add_argument("--logs", nargs="+", type=Path, metavar="BAG", default=(), help="real ones")
-    sections = ("laps", "drift", "court", "twins", "logs")
+    sections = ("laps", "drift", "laps_merged", "court", "twins", "logs")
     parser.add_argument("--worlds", nargs="+", default=WORLDS, help="of laps")
     parser.add_argument("--seeds", nargs="+", type=int, default=(*TUNED, *UNTUNED), help="of laps")
     parser.add_argument("--only", nargs="+", choices=sections, default=sections)
@@ -91,6 +96,7 @@ def main() -> None:
         tables = {
             "laps": laps(bags, options.worlds, options.seeds),
             "drift": drifting(bags, options.worlds, options.seeds),
+            "laps_merged": merged_laps(bags, options.worlds, options.seeds),
             "court": laps(bags, ("court",), options.seeds),
             "twins": wrong_loops(bags, options.seeds),
             "logs": logs(options.logs),
@@ -108,10 +114,15 @@ def laps(bags: Path, worlds: Sequence[str], seeds: Sequence[int]) -> Iterator[st
     yield "|---|---|---|---|---|---|---|---|---|---|---|"
     for world in worlds:
         for seed in seeds:
-            path = bags / f"{world}_{seed}_0"
-            if not path.exists():
-                recording.simulate(world, seed, path, drive=0)
-            yield lap(f"`{world}` {seed}", path)
+            yield lap(f"`{world}` {seed}", recorded(bags, world, seed))
+
+
+def recorded(bags: Path, world: str, seed: int, drive: int = 0) -> Path:
+    """A drive of the simulator, made where it is not there."""
+    path = bags / f"{world}_{seed}_{drive}"
+    if not path.exists():
+        recording.simulate(world, seed, path, drive=drive)
+    return path
 
 
 def lap(label: str, path: Path) -> str:
@@ -133,6 +144,61 @@ def lap(label: str, path: Path) -> str:
         f"| {label} | {odometry.rmse:.3f} m | {own.rmse:.3f} m | {own.aligned:.3f} m "
         f"| {own.end:.3f} m | {scores[0]:.3f} | {scores[1]:.3f} | {scores[2]:.3f} "
         f"| {closed(result)} | {result.slam.tracker.unobserved:.1f} m | {seconds / duration:.2f} |"
+    )
+
+
+def merged_laps(bags: Path, worlds: Sequence[str], seeds: Sequence[int]) -> Iterator[str]:
+    """Maps of single drives beside the one map of all of them."""
+    yield (
+        "| laps | map | ATE | F1 | heights: mean error | off by > 10 cm | found: position | z "
+        "| yaw | CPU |"
+    )
+    yield "|---|---|---|---|---|---|---|---|---|---|"
+    for world in worlds:
+        for seed in seeds:
+            yield from merged(f"`{world}` {seed}", [recorded(bags, world, seed, d) for d in DRIVES])
+
+
+def merged(label: str, paths: Sequence[Path]) -> Iterator[str]:
+    surfaces = [truth.read_truth(path / "truth" / "surface.npz") for path in paths]
+    tasks, true = [], []
+    for path in paths:
+        with Bag(path) as bag:
+            stretch = bag.start_ns, bag.end_ns + 1
+            true.append(true_poses(bag))
+        tasks.append(DriveTask(path=path, params=PARAMS, odom_topic="/odom", stretch=stretch))
+    began = time.process_time()
+    drives = [slam_drive(task) for task in tasks]
+    joint = join_drives(tasks, drives)
+    seconds = time.process_time() - began
+    for number, (drive, poses, surface) in enumerate(zip(drives, true, surfaces, strict=True)):
+        error, of_map = error_of(drive.trajectory, poses), figures(drive.height_map, surface)
+        yield f"| {label} | drive {number} | {error.rmse:.3f} m | {of_map} | | | | |"
+    errors = [error_of(*pair).rmse for pair in zip(joint.trajectories, true, strict=True)]
+    for number, found in enumerate(joint.found[1:], 1):
+        x, y, z, _, _, yaw = se3.to_xyz_rpy(found.T_fixed_moving)
+        yield (
+            f"| {label} | drive {number} in drive 0 | | | | | {100 * np.hypot(x, y):.1f} cm "
+            f"| {100 * z:.1f} cm | {np.degrees(yaw):.2f} deg | |"
+        )
+    told = ", ".join(f"{error:.3f}" for error in errors)
+    whole = figures(joint.mapping.maps()[0], seen_by_all(surfaces))
+    yield f"| {label} | merged | {told} m | {whole} | | | | {seconds:.0f} s |"
+
+
+def seen_by_all(surfaces: Sequence[Truth]) -> Truth:
+    """The highest points that lasers have measured on any of the drives through a world."""
+    seen = np.fmax.reduce([surface.seen for surface in surfaces])
+    return dataclasses.replace(surfaces[0], seen=seen)
+
+
+def figures(height_map: HeightMap, surface: Truth) -> str:
+    """F1 of blocked transitions, and errors of heights of what lasers see."""
+    found = map_error.evaluate_map(height_map, PARAMS.traversability, surface)
+    seen = found.error_of_seen
+    return (
+        f"{found.blocked_transitions.f1 or 0.0:.3f} | {100 * (seen.bias_m or 0.0):.1f} cm "
+        f"| {100 * (seen.share_beyond_10_cm or 0.0):.2f} %"
     )
 
 

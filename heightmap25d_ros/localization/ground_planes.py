@@ -38,7 +38,7 @@ def fit_planes(
         Height at the middle of the cell [m], slope along x and along y, rms of the cells about
         the plane [m], variance of each of the slopes.
     """
-    cells = np.argwhere(is_ground)
+    cells = np.ascontiguousarray(np.argwhere(is_ground))  # one layout, one compiled kernel
     planes = np.full((len(cells), 5), np.nan)
     _fit(cells, heights, is_ground, resolution, planes)
     is_found = ~np.isnan(planes[:, 0])

@@ -40,6 +40,39 @@ class MapLevel(NamedTuple):
     landmarks: Landmarks | None
 
 
+class OneLevelMaps(NamedTuple):
+    """The levels of a map, each with one surface per cell.
+
+    Attributes
+    ----------
+    maps : list of (HeightMap, LayerMap or None)
+        All of the same cells.
+    away_from_seam : (levels, rows, columns) float32 [m] or None
+        How far each cell is from where its level is not followed farther; None for a single level.
+    """
+
+    maps: list[tuple[HeightMap, LayerMap | None]]
+    away_from_seam: NDArray[np.float32] | None
+
+    @classmethod
+    def of(cls, height_map: HeightMap, layers: LayerMap | None, params: Params) -> OneLevelMaps:
+        """Of a height map, and of its localization layers where there are any."""
+        slices: list[Slice] = []
+        if len(height_map.upper):
+            stack = SurfaceStack(height_map, params.levels, params.traversability)
+            slices = stack.slices(stack.footprint_cells)
+        if len(slices) < 2:
+            return cls([(height_map, layers)], None)
+        max_step = int(params.traversability.max_step / HEIGHT_RESOLUTION + 1e-6)
+        return cls(
+            [
+                (s.height_map, None if layers is None else _layers_of(s, stack, layers))
+                for s in slices
+            ],
+            np.stack([_away_from_seam(s, stack, max_step) for s in slices]),
+        )
+
+
 class LongTermMap:
     """The levels of a long-term map.
 
@@ -78,25 +111,22 @@ class LongTermMap:
         InputError
             If the memory is not available.
         """
+        return cls.of_levels(OneLevelMaps.of(height_map, layers, params), params)
+
+    @classmethod
+    def of_levels(cls, levels: OneLevelMaps, params: Params) -> LongTermMap:
+        """Of the levels of a map."""
         edge_step = params.registration.edge_step
-        slices: list[Slice] = []
-        if len(height_map.upper):
-            stack = SurfaceStack(height_map, params.levels, params.traversability)
-            slices = stack.slices(stack.footprint_cells)
-        if len(slices) < 2:
-            landmarks = None if layers is None else landmarks_of(height_map, layers)
-            return cls([MapLevel(surface_of(height_map, edge_step), landmarks)])
-        levels = [
-            MapLevel(
-                surface_of(found.height_map, edge_step),
-                None
-                if layers is None
-                else landmarks_of(found.height_map, _layers_of(found, stack, layers)),
-            )
-            for found in slices
-        ]
-        max_step = int(params.traversability.max_step / HEIGHT_RESOLUTION + 1e-6)
-        return cls(levels, np.stack([_away_from_seam(s, stack, max_step) for s in slices]))
+        return cls(
+            [
+                MapLevel(
+                    surface_of(height_map, edge_step),
+                    None if layers is None else landmarks_of(height_map, layers),
+                )
+                for height_map, layers in levels.maps
+            ],
+            levels.away_from_seam,
+        )
 
     @property
     def has_landmarks(self) -> bool:
@@ -104,12 +134,16 @@ class LongTermMap:
         return self.levels[0].landmarks is not None
 
     def at(self, T_map_base: se3.Matrix) -> MapLevel:
-        """The level that a robot at a pose (4, 4) is on; of several the one that reaches farther.
+        """The level that a robot at a pose (4, 4) is on."""
+        return self.levels[self.number_at(T_map_base)]
+
+    def number_at(self, T_map_base: se3.Matrix) -> int:
+        """Which level a robot at a pose (4, 4) is on; of several the one that reaches farther.
 
         Where the map knows nothing around the pose, any.
         """
         if len(self.levels) == 1:
-            return self.levels[0]
+            return 0
         x, y, z = T_map_base[:3, 3]
         cost = self._costs(float(x), float(y), float(z))
         is_candidate = cost <= cost.min() + _AS_NEAR
@@ -117,7 +151,7 @@ class LongTermMap:
         rows, columns = self._window(float(x), float(y), 0.0)
         away = self._away_from_seam[:, rows, columns].reshape(len(self.levels), -1)
         reach = away.max(axis=1, initial=-1.0)
-        return self.levels[int(np.where(is_candidate, reach, -np.inf).argmax())]
+        return int(np.where(is_candidate, reach, -np.inf).argmax())
 
     def ground_z(self, x: float, y: float, z: float) -> float:
         """Height [m] of the known surface that is nearest to a place; its z where none is near."""

@@ -77,7 +77,7 @@ def fit_lines(
     lines : (K, 5) float64
         As the first five of `Line`; all NaN for a cell that is on no line.
     """
-    cells = np.argwhere(counts > 0)
+    cells = np.ascontiguousarray(np.argwhere(counts > 0))  # one layout, one compiled kernel
     lines = np.full((len(cells), 5), np.nan)
     for radius, share in _WINDOWS:
         _fit_long(cells, places, counts, resolution, radius, share, lines)

@@ -206,10 +206,14 @@ class LocalizationNode(ManagedNode):
             self._publish_pose(pose)
 
     def _publish_pose(self, pose: Pose) -> None:
+        """Where somebody listens: rclpy converts a message also where it is for nobody."""
         for topic, T in (("pose_correction", pose.T_map_odom), ("pose", pose.T_map_base)):
-            message = PoseWithCovarianceStamped()
-            encode.fill_pose(message, T, pose.covariance, pose.stamp_ns, self._frame)
-            self.publish(topic, message)
+            if self.has_subscribers(topic):
+                message = PoseWithCovarianceStamped()
+                encode.fill_pose(message, T, pose.covariance, pose.stamp_ns, self._frame)
+                self.publish(topic, message)
+        if not self.has_subscribers("/tf"):
+            return
         transform = TransformStamped()
         ahead = round(self.params.localization.transform_tolerance * 1e9)
         encode.fill_transform(

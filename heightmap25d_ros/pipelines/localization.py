@@ -41,6 +41,7 @@ from heightmap25d_ros.pipelines.scan_queue import Reading
 from heightmap25d_ros.pipelines.sensor_intake import SensorIntake
 from heightmap25d_ros.pipelines.transform_buffer import JUMP_BACK_NS
 from heightmap25d_ros.slam.own_map_localization import OwnMapLocalization
+from heightmap25d_ros.slam.own_map_tracker import OwnMapTracker
 from heightmap25d_ros.slam.saved_map import SavedMap
 
 _LEAST_COVARIANCE = np.diag(np.square([0.01, 0.01, 0.001]))  # nobody is surer of a pose
@@ -63,6 +64,8 @@ def compile_kernels(params: Params) -> None:
     scan_update.compile_kernels(params.scan_filter)
     scan_search.compile_kernels()
     se3.from_xyz_rpy(se3.to_xyz_rpy(se3.inverse(np.eye(4))))  # for a pose that is given
+    if params.localization.own_map:
+        _compile_own_map(params)
     scratch = ShortTermMaps(params)
     beam = np.array([[0.0, 0.0, 1.0]])
     is_hit, is_lone = np.ones(1, bool), np.zeros(1, bool)
@@ -70,6 +73,20 @@ def compile_kernels(params: Params) -> None:
     for seconds in (0.0, params.short_term.mature_time):  # with a motion between them
         scratch.integrate(beams, np.eye(4), round(1e9 * seconds))
     scratch.mature()
+
+
+def _compile_own_map(params: Params) -> None:
+    """A metre of a drive towards a wall."""
+    own = OwnMapTracker(params, is_recording=False)
+    y = np.linspace(-2.0, 2.0, 400)
+    wall = np.column_stack([np.full(400, 4.0), y, np.full(400, 0.4)])
+    ground = np.column_stack([np.tile([1.5, 2.0], 200), y, np.zeros(400)])
+    ends, is_lone = np.concatenate([wall, ground]), np.zeros(800, bool)
+    for step in range(11):
+        T = se3.from_xyz_rpy([0.1 * step, 0.0, 0.0, 0.0, 0.0, 0.0])
+        origins = np.repeat(T[None, :3, 3] + (0.0, 0.0, 0.4), len(ends), axis=0)
+        beams = sensor_model.Beams(origins=origins, ends=ends, is_hit=~is_lone, is_lone=is_lone)
+        own.integrate(beams, T, step * 10**8)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,12 +5,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
+from heightmap25d_ros.localization.hypotheses import Estimate
 from heightmap25d_ros.localization.matching import RegistrationPoints
 from heightmap25d_ros.localization.tracker import Attempt, Kind, Tracker
 from heightmap25d_ros.localization.tracking_state import Health, State
@@ -22,21 +22,31 @@ from heightmap25d_ros.slam.saved_map import SavedMap
 _NO_POINTS = RegistrationPoints(np.zeros((0, 3)), np.zeros(0, bool), np.zeros(0))
 
 
-class OwnEstimate(NamedTuple):
-    """The pose of odom in the robot's own map.
+class OwnEstimate:
+    """The pose of odom in the robot's own map; what of it is not asked for is not computed.
 
-    Attributes
+    Parameters
     ----------
-    T_map_odom : (4, 4) float64
-    covariance : (3, 3) float64
-        Of x, y [m] and yaw [rad] of the robot, seen from where it began.
-    deviation : (2,) float [m], [rad]
-        Standard deviations of position and yaw in what was mapped around it.
+    own : OwnMapTracker
     """
 
-    T_map_odom: se3.Matrix
-    covariance: Array
-    deviation: tuple[float, float]
+    def __init__(self, own: OwnMapTracker) -> None:
+        self._own = own
+
+    @property
+    def T_map_odom(self) -> se3.Matrix:
+        """(4, 4) float64."""
+        return self._own.estimate.T_map_odom
+
+    @property
+    def covariance(self) -> Array:
+        """(3, 3) float64: of x, y [m] and yaw [rad] of the robot, seen from where it began."""
+        return self._own.covariance()
+
+    @property
+    def deviation(self) -> tuple[float, float]:
+        """Standard deviations of position [m] and yaw [rad] in what was mapped around it."""
+        return self._own.estimate.deviation
 
 
 class OwnMapLocalization:
@@ -90,13 +100,9 @@ class OwnMapLocalization:
         return np.array([s.T_map_submap @ s.start for s in self._own.submaps]).reshape(-1, 4, 4)
 
     @property
-    def estimate(self) -> OwnEstimate:
+    def estimate(self) -> OwnEstimate | Estimate:
         """Where the robot is."""
-        if self._finder is not None:
-            found = self._finder.estimate
-            return OwnEstimate(found.T_map_odom, found.covariance, found.deviation)
-        own = self._own
-        return OwnEstimate(own.estimate.T_map_odom, own.covariance(), own.estimate.deviation)
+        return OwnEstimate(self._own) if self._finder is None else self._finder.estimate
 
     def set_params(self, params: Params) -> None:
         """Apply new parameters, to maps that are begun from now on."""

@@ -291,7 +291,11 @@ class OwnMapTracker:
         if found.reason not in CONTRADICTIONS:
             self._window.confirm()
         self._drift.see(found)
-        if self._is_recording and self.distance - self._kept >= _KEYFRAME_DISTANCE:
+        # The first update has one scan, of the ground perhaps, and the frame is what it tells of.
+        is_beginning = self.distance < _KEYFRAME_DISTANCE
+        if self._is_recording and (
+            is_beginning or self.distance - self._kept >= _KEYFRAME_DISTANCE
+        ):
             self._keep()
         if self.distance - self._viewed >= _VIEW_DISTANCE:
             self._viewed = self.distance
@@ -349,7 +353,10 @@ class OwnMapTracker:
         slam = self._params.slam
         self._refreshed, self._is_new_around = self.distance, False
         self._landmarks = landmarks_around(
-            self._map.active, self.T_map_base[:3, 3], slam.reach, self._params.grid.resolution
+            self._map.active(self.T_map_base),
+            self.T_map_base[:3, 3],
+            slam.reach,
+            self._params.grid.resolution,
         )
 
     def _next_submap(self, stamp_ns: int) -> None:
@@ -370,7 +377,7 @@ class OwnMapTracker:
     def _look_back(self, stamp_ns: int) -> None:
         """Search older submaps for the robot."""
         T_map_base = self.T_map_base
-        candidate = self._map.candidate(T_map_base[:3, 3])
+        candidate = self._map.candidate(T_map_base)
         if candidate is None:
             return
         returns = [

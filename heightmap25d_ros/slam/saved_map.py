@@ -12,7 +12,7 @@ from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.grid.height_map import Area, HeightMap
 from heightmap25d_ros.localization import surface
 from heightmap25d_ros.localization.layers import LayerMap
-from heightmap25d_ros.localization.long_term_map import LongTermMap
+from heightmap25d_ros.localization.long_term_map import LongTermMap, OneLevelMaps
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.slam.map_registration import layers_of_heights
 from heightmap25d_ros.slam.submaps import SubmapCells, cells_of
@@ -59,8 +59,6 @@ class SavedMap:
     ----------
     long_term : LongTermMap
         In which the robot is found.
-    parts : list of SavedPart
-        Against which its scans are held; of several levels the lowest one.
 
     Raises
     ------
@@ -69,12 +67,17 @@ class SavedMap:
     """
 
     def __init__(self, height_map: HeightMap, layers: LayerMap | None, params: Params) -> None:
-        self.long_term = LongTermMap.of(height_map, layers, params)
-        if layers is None:
-            heights = surface.surface_of(height_map, params.registration.edge_step)
-            layers = layers_of_heights(height_map, heights)
+        levels = OneLevelMaps.of(height_map, layers, params)
+        self.long_term = LongTermMap.of_levels(levels, params)
         self._known, self._geometry = height_map.known, height_map.geometry
-        self.parts = _parts(cells_of(height_map, layers), height_map)
+        self._parts = [
+            _parts(of_level, layers_of_level or _layers_of_heights(of_level, params))
+            for of_level, layers_of_level in levels.maps
+        ]
+
+    def parts_at(self, T_map_base: se3.Matrix) -> list[SavedPart]:
+        """What the scans of a robot at a pose (4, 4) are held against: the level that it is on."""
+        return self._parts[self.long_term.number_at(T_map_base)]
 
     def covers(self, xy: Array) -> bool:
         """Whether a place (2,) [m, map] is on the map, or beside a cell that is."""
@@ -91,9 +94,15 @@ class SavedMap:
         return float(np.linalg.norm(np.clip(xy, low, high) - xy))
 
 
-def _parts(cells: SubmapCells, height_map: HeightMap) -> list[SavedPart]:
-    """Cells by the square that they are in."""
-    geometry = height_map.geometry
+def _layers_of_heights(height_map: HeightMap, params: Params) -> LayerMap:
+    return layers_of_heights(
+        height_map, surface.surface_of(height_map, params.registration.edge_step)
+    )
+
+
+def _parts(height_map: HeightMap, layers: LayerMap) -> list[SavedPart]:
+    """The cells by the square that they are in."""
+    cells, geometry = cells_of(height_map, layers), height_map.geometry
     T = se3.from_xyz_rpy([*geometry.origin, 0.0, 0.0, 0.0, 0.0])
     side = max(round(_PART / geometry.resolution), 1)
     columns = -(-geometry.shape[1] // side)

@@ -10,6 +10,7 @@ long as scans are held against it, each submap that begins on it is joined with 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -64,7 +65,6 @@ class SubmapGraph:
         The last one is growing. The first one stands for the saved map, if there is one.
     graph : PoseGraph
         Of the beginnings of the submaps.
-    active : list of MappedCells
     covariance : (3, 3) float64
         Of x, y [m], yaw [rad] of the beginning of the newest one, seen from that of the first.
     """
@@ -72,7 +72,6 @@ class SubmapGraph:
     def __init__(self, params: Params, saved: SavedMap | None = None) -> None:
         self.submaps: list[Submap] = []
         self.graph = PoseGraph()
-        self.active: list[MappedCells] = []
         self.covariance = np.zeros((3, 3))
         self._params, self._saved = params, saved
         self._active: frozenset[int] = frozenset()
@@ -148,18 +147,26 @@ class SubmapGraph:
     def _choose(self) -> None:
         newest = len(self.submaps) - 1
         self._active = frozenset(self._reached(newest, self._params.slam.active_distance))
-        self.active = self._cells(sorted(self._active))
         self.covariance = self.graph.covariance(0, newest)[:3, :3]
 
     def _reached(self, number: int, distance: float) -> list[int]:
         """The submaps within a distance [m] along the drive and its loops."""
         return np.flatnonzero(np.isfinite(self.graph.distances(number, distance))).tolist()
 
-    def _cells(self, numbers: list[int]) -> list[MappedCells]:
+    def active(self, T_map_base: se3.Matrix) -> list[MappedCells]:
+        """What scans of a robot at a pose (4, 4) are held against."""
+        return self._cells(self._active, T_map_base)
+
+    def _cells(self, numbers: Iterable[int], T_map_base: se3.Matrix) -> list[MappedCells]:
+        """Of submaps in their order; of the saved map the level that a pose (4, 4) is on."""
         cells: list[MappedCells] = []
-        for number in numbers:
+        for number in sorted(numbers):
             is_saved = number == 0 and self._saved is not None
-            cells += self._saved.parts if is_saved and self._saved else [self.submaps[number]]
+            cells += (
+                self._saved.parts_at(T_map_base)
+                if is_saved and self._saved
+                else [self.submaps[number]]
+            )
         return cells
 
     def recent(self, distance: float) -> list[MappedCells]:
@@ -167,8 +174,9 @@ class SubmapGraph:
         back = np.cumsum([0.0, *reversed(self._lengths)])
         return list(self.submaps[-int(np.count_nonzero(back <= distance)) :])
 
-    def candidate(self, position: Array) -> Candidate | None:
-        """The nearest of the submaps that are not active, in which the robot may be."""
+    def candidate(self, T_map_base: se3.Matrix) -> Candidate | None:
+        """The nearest of the submaps that are not active, in which a robot at a pose may be."""
+        position = T_map_base[:3, 3]
         slam, newest = self._params.slam, len(self.submaps) - 1
         near = [
             (away, number) for number in range(len(self.submaps))
@@ -187,7 +195,7 @@ class SubmapGraph:
                 older = set(self._reached(number, slam.active_distance)) - self._active
                 return Candidate(
                     number, min(radius, slam.max_drift), min(turn, np.pi),
-                    self._cells(sorted(older)),
+                    self._cells(older, T_map_base),
                 )  # fmt: skip
         return None
 

@@ -58,7 +58,8 @@ def cells_of(height_map: HeightMap, layers: LayerMap) -> SubmapCells:
     is_ground = stacked[:, NAMES.index("ground_count")] > 0
     level = np.float32(height_map.geometry.ground_zero)
     stacked[:, NAMES.index("ground_height")] -= np.where(is_ground, level, 0)
-    return SubmapCells(np.argwhere(is_seen), stacked, top[is_seen])
+    places = np.ascontiguousarray(np.argwhere(is_seen))  # one layout, one compiled kernel
+    return SubmapCells(places, stacked, top[is_seen])
 
 
 class RigidCells(Protocol):
