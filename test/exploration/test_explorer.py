@@ -177,6 +177,21 @@ def test_what_was_looked_for_in_vain_is_looked_for_again_by_who_is_near():
     assert explorer.choose(explorer.survey(shown, near)).goal is None
 
 
+def test_what_was_missed_from_afar_is_looked_for_from_near_before_the_end():
+    height = room(30.0, 4.0)
+    height[at(height, (24.0, 29.0), (0.2, 3.8))] = np.nan
+    shown = HeightMap.from_metres(height, resolution=CELL)
+    explorer, near, far = Explorer(Params()), Pose2D(20.6, 2.0), Pose2D(2.0, 2.0)
+    explorer.note_look(explorer.survey(shown, near))
+    assert explorer.choose(explorer.survey(shown, far)).goal is None
+    explorer.doubt_obstacles()
+    goal = explorer.choose(explorer.survey(shown, far)).goal
+    assert goal is not None
+    assert 21.0 < goal.x < 24.0
+    explorer.note_look(explorer.survey(shown, replace(goal, yaw=0.0)))
+    assert explorer.choose(explorer.survey(shown, far)).goal is None
+
+
 def test_the_gain_is_what_a_full_turn_shows():
     height = room(10.0, 6.0)
     height[at(height, (6.0, 6.25), (2.0, 4.0))] = WALL
