@@ -172,7 +172,7 @@ class OwnMapTracker:
         self._refreshed = self._submap_begun = self._viewed = self._kept = -np.inf
         self._agreed = 0.0  # [m] travelled at the last update that the map did not contradict
         self._observed = 0.0  # [m] travelled at the last one that observed something
-        self._is_contradicted = False
+        self._is_contradicted = self._is_on_saved = False
         self._drift = Drift(params, self.estimate)
         self._inserted_ns = 0
         self._is_new_around = False
@@ -280,7 +280,8 @@ class OwnMapTracker:
         if self._landmarks is None:
             self._window.confirm()
             return
-        found = self.estimate.update_growing(returns, self._T_odom_base, self._landmarks)
+        update = self.estimate.update if self._is_on_saved else self.estimate.update_growing
+        found = update(returns, self._T_odom_base, self._landmarks)
         self.last = found
         self._is_new_around = found.known < _MOSTLY_KNOWN
         if found.reason in (Reason.ACCEPTED, Reason.UNOBSERVED):
@@ -349,9 +350,18 @@ class OwnMapTracker:
             self._refresh()
 
     def _refresh(self) -> None:
-        """Use what has been mapped since."""
+        """Use what has been mapped since; on a saved map it alone, as long as scans agree with it.
+
+        What was mapped since errs as the pose does, and would confirm its errors.
+        """
         slam = self._params.slam
+        is_contradicted = self.last is not None and self.last.reason in CONTRADICTIONS
+        saved = self._map.saved_landmarks(self.T_map_base)
+        self._is_on_saved = not (saved is None or is_contradicted or self._is_new_around)
         self._refreshed, self._is_new_around = self.distance, False
+        if self._is_on_saved:
+            self._landmarks = saved
+            return
         self._landmarks = landmarks_around(
             self._map.active(self.T_map_base),
             self.T_map_base[:3, 3],

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
-from heightmap25d_ros.grid.height_map import Area, HeightMap
+from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, Area, HeightMap
 from heightmap25d_ros.localization import surface
+from heightmap25d_ros.localization.landmarks import Landmarks
 from heightmap25d_ros.localization.layers import LayerMap
 from heightmap25d_ros.localization.long_term_map import LongTermMap, OneLevelMaps
 from heightmap25d_ros.params.sections import Params
@@ -19,6 +20,7 @@ from heightmap25d_ros.slam.submaps import SubmapCells, cells_of
 
 _PART = 8.0  # [m] side of a part: only those around the robot are joined
 _AROUND = 2  # [cells] within which a place is on the map
+_STOREY = 0.5  # [m] by which the robot may be off what it stands on
 
 
 class SavedPart:
@@ -69,7 +71,8 @@ class SavedMap:
     def __init__(self, height_map: HeightMap, layers: LayerMap | None, params: Params) -> None:
         levels = OneLevelMaps.of(height_map, layers, params)
         self.long_term = LongTermMap.of_levels(levels, params)
-        self._known, self._geometry = height_map.known, height_map.geometry
+        self._levels = [of_level for of_level, _ in levels.maps]
+        self._geometry = height_map.geometry
         self._parts = [
             _parts(of_level, layers_of_level or _layers_of_heights(of_level, params))
             for of_level, layers_of_level in levels.maps
@@ -79,13 +82,20 @@ class SavedMap:
         """What the scans of a robot at a pose (4, 4) are held against: the level that it is on."""
         return self._parts[self.long_term.number_at(T_map_base)]
 
-    def covers(self, xy: Array) -> bool:
-        """Whether a place (2,) [m, map] is on the map, or beside a cell that is."""
-        iy, ix = (int(index) - _AROUND for index in self._geometry.cell_at(xy))
+    def covers(self, T_map_base: se3.Matrix) -> bool:
+        """Whether a robot at a pose (4, 4) stands on the map, or beside a cell that it could."""
+        height_map = self._levels[self.long_term.number_at(T_map_base)]
+        iy, ix = (int(index) - _AROUND for index in self._geometry.cell_at(T_map_base[:2, 3]))
         side = 2 * _AROUND + 1
         whole = Area(0, 0, *self._geometry.shape)
-        around = Area(iy, ix, side, side).within(whole)
-        return bool(self._known[around.slices(whole)].any())
+        cells = Area(iy, ix, side, side).within(whole).slices(whole)
+        heights = height_map.height[cells] * HEIGHT_RESOLUTION + self._geometry.ground_zero
+        is_near = np.abs(heights - T_map_base[2, 3]) < _STOREY
+        return bool((height_map.known[cells] & is_near).any())
+
+    def landmarks_at(self, T_map_base: se3.Matrix) -> Landmarks | None:
+        """Of the level that a robot at a pose (4, 4) is on; None where it is not on the map."""
+        return self.long_term.at(T_map_base).landmarks if self.covers(T_map_base) else None
 
     def away(self, xy: Array) -> float:
         """How far [m] a place (2,) [m, map] is from the map's bounding rectangle."""

@@ -17,6 +17,7 @@ import numpy as np
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
+from heightmap25d_ros.localization.landmarks import Landmarks
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.slam.drift import carried, turned
 from heightmap25d_ros.slam.loop_closure import Found
@@ -110,8 +111,8 @@ class SubmapGraph:
 
         Covariance (3, 3) of x, y, yaw of the robot to the active submaps.
         """
-        place = self.submaps[-1].pose[:2]
-        if self._saved is not None and 0 in self._active and self._saved.covers(place):
+        begun = self.submaps[-1].T_map_submap @ self.submaps[-1].start
+        if self._saved is not None and 0 in self._active and self._saved.covers(begun):
             self._join_saved(covariance)
             self._choose()
 
@@ -152,6 +153,12 @@ class SubmapGraph:
     def _reached(self, number: int, distance: float) -> list[int]:
         """The submaps within a distance [m] along the drive and its loops."""
         return np.flatnonzero(np.isfinite(self.graph.distances(number, distance))).tolist()
+
+    def saved_landmarks(self, T_map_base: se3.Matrix) -> Landmarks | None:
+        """Those of the saved map, where a robot at a pose (4, 4) is on it and knows where."""
+        if self._saved is None or 0 not in self._active:
+            return None
+        return self._saved.landmarks_at(T_map_base)
 
     def active(self, T_map_base: se3.Matrix) -> list[MappedCells]:
         """What scans of a robot at a pose (4, 4) are held against."""
