@@ -121,12 +121,17 @@ class Explorer:
         return self._best(_with_slices(opened), OPENING * least)
 
     def _opened(self, survey: Survey) -> list[Survey]:
-        """What opens ways; seen from near, and missed or not, while obstacles are doubted."""
+        """What opens ways; while obstacles are doubted with these, and with what is high: near."""
         parts = [part for part in survey.slices if not part.is_beyond_edges]
-        opened = [part.restricted(self._openings(part)) for part in parts]
-        if self._surveyor.is_doubting:
-            return [part.seen_from_near() for part in opened]
-        return [part.restricted(part.fresh) for part in opened]
+        if not self._surveyor.is_doubting:
+            return [part.restricted(part.fresh & self._openings(part)) for part in parts]
+        missed = self._looks.from_below(survey.geometry)
+        return [
+            part.restricted(
+                (part.fresh | ~part.certain | missed) & self._openings(part)
+            ).seen_from_near()
+            for part in parts
+        ]
 
     def doubt_obstacles(self) -> bool:
         """Count obstacles that may be noise, and what is beyond edges, as unknown from now on.
