@@ -154,16 +154,16 @@ class Surveyor:
         return found
 
     def _offered_beyond(self, survey: Survey, found: Edges) -> Survey:
-        """What edges of a slice offer: to be seen from near.
+        """What edges of a slice offer: to be seen from near, whatever was missed from afar.
 
-        From afar a few returns do not tell a deck from what is known there.
+        From there a few returns do not tell a deck from what is known already.
         """
         own, geometry, before = self._params.exploration, survey.geometry, survey.scenery
         known, height = before.known & ~found.beyond, before.height.copy()
         allowed, depth = self.inside(geometry), own.frontier_depth / geometry.resolution
         frontiers.wanted(known, found.ground, allowed, depth, height)
         looks = self._looks.of(geometry, height)
-        wanted, fresh = self._wanted(known, found.ground, allowed, looks, geometry)
+        wanted, _ = self._wanted(known, found.ground, allowed, looks, geometry)
         is_level = _are_level(before.height, found.ground, self._params.levels.clear_height)
         return replace(
             survey,
@@ -171,7 +171,7 @@ class Surveyor:
             scenery=replace(before, height=height, known=known, wanted=wanted),
             occupied=survey.occupied & ~found.ground & ~found.beyond,
             counted=np.zeros(known.shape, np.bool_),
-            fresh=fresh,
+            fresh=wanted,
             certain=wanted,
             is_beyond_edges=True,
         ).seen_from_near()
