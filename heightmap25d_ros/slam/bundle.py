@@ -30,13 +30,14 @@ from heightmap25d_ros.slam.patches import STATES, NormalEquations, Returns, add_
 WINDOW, _OVERLAP = 400, 120
 """Keyframes that are refined together at most."""
 
-_SPARSE, _SPARSE_STEPS = 3, 8  # of so many keyframes one is refined first, which costs a tenth
+_SPARSE = 3  # of so many keyframes one is refined first, which costs a tenth
 _WIDE, _NEAR, _NARROW = 1.0, 0.12, 0.04  # [m] tolerance from a patch: first, of all keyframes, last
-_NARROWING = 0.5, 0.9  # at most and at least, from one step to the next; between these the
-_FOLLOWS = 5.0  # tolerance is so many times as long as the last step: soon narrow if little moves
-_STEPS = 5  # with the last tolerance at most
+_FOLLOWS = 5.0  # times as long as the last step is the tolerance: soon narrow if little moves; but
+_NARROWING = 0.5  # of the one before it is at least, and at most so much:
+_SLOWLY, _QUICKLY = 0.9, 0.6  # of some keyframes, and of all
+_SPARSE_STEPS, _STEPS = 8, 5  # with the last tolerance at most
 _CONVERGED = 3e-3  # [m] by which the last step bends the drive
-_SETTLED = 0.05  # [m] by which a stretch is bent that need not be refined again
+_SETTLED = 0.1  # [m] by which a stretch is bent that need not be refined again
 _FIRST_SLIP = 0.2  # standard deviation per distance, until it is known how much wheels have slipped
 _REACH = 30.0  # [m] in the plane, from the robot to returns that are used
 _START = (1e-3, 1e-3, 1e-3, 1e-3)  # [m], [m], [rad], [m] deviation of the first pose
@@ -146,10 +147,10 @@ def _solved(
 ) -> Refined:
     """Refine a stretch, with covariances for pairs (P, 2) of its keyframes."""
     some = _Stretch(keyframes[::_SPARSE], T_map_odom[::_SPARSE], params)
-    some.solve(_WIDE, _NEAR, _SPARSE_STEPS)
+    some.solve(_WIDE, _NEAR, _SLOWLY, _SPARSE_STEPS)
     moved = some.T_map_odom()[np.arange(len(keyframes)) // _SPARSE]  # others as the one before
     stretch = _Stretch(keyframes, moved, params)
-    stretch.solve(_NEAR, _NARROW, _STEPS)
+    stretch.solve(_NEAR, _NARROW, _QUICKLY, _STEPS)
     return Refined(stretch.T_map_odom(), stretch.tilts(), stretch.covariances(pairs))
 
 
@@ -234,7 +235,7 @@ class _Stretch:
         self._errors = np.zeros((len(keyframes), STATES))
         self._constants = np.zeros(STATES)
 
-    def solve(self, tolerance: float, last: float, count: int) -> None:
+    def solve(self, tolerance: float, last: float, narrowing: float, count: int) -> None:
         """Take steps with a tolerance that narrows, and with the last one until they are short."""
         steps = 0
         while steps < count:
@@ -243,7 +244,7 @@ class _Stretch:
                 steps += 1
                 if moved < _CONVERGED:
                     break
-            tolerance *= float(np.clip(_FOLLOWS * moved / tolerance, *_NARROWING))
+            tolerance *= float(np.clip(_FOLLOWS * moved / tolerance, _NARROWING, narrowing))
             tolerance = max(tolerance, last)
             if tolerance == _NARROW:
                 slipped = float(np.sqrt(np.mean(np.square(self._errors[:, _SLIP]))))
@@ -298,7 +299,7 @@ class _Stretch:
         share = 1.0 / self._params.returns_per_information
         positions = self._T_map_base[:, :3, 3] + self._errors[:, _MOVED]
         add_patches(self._seen(self._returns), positions, share, tolerance, equations)
-        add_edges(self._seen(self._edges), positions, tolerance, equations)
+        add_edges(self._seen(self._edges), positions, share, tolerance, equations)
         self._add_odometry(positions, equations)
         self._add_priors(equations)
         return equations

@@ -21,7 +21,8 @@ _DENSE = 0.08  # [m] from the edge to the next return on its own side, at most
 _STEEPER = 3.0  # times that, by which the jump is larger: no wall that beams graze
 _NOTHING = 1e3  # [m] where no return is
 _AREA = 0.5  # [m] side of the squares in which edges are the same one
-_MOST_APART = 0.25  # [m] tolerance from which they are
+_SHIFTS = 0.0, 0.5  # of their borders, in sides
+_MOST_APART = 0.25  # [m] tolerance up to which they are
 _LEAST_EDGES = 8  # of a square
 _LEAST_INLIERS = 0.6  # share of these
 _MOST_ACROSS = 0.03  # [m] standard deviation
@@ -50,7 +51,7 @@ def edges_of(beams: Beams) -> Array:
 
 
 def add_edges(
-    edges: Returns, positions: Array, tolerance: float, equations: NormalEquations
+    edges: Returns, positions: Array, share: float, tolerance: float, equations: NormalEquations
 ) -> int:
     """Add what edges tell of the poses that they were seen from, once these are nearly right.
 
@@ -60,8 +61,8 @@ def add_edges(
         Of which only x and y count.
     positions : (P, 3) float64 [m, map]
         Of the robot.
-    tolerance : float [m]
-        As of `patches.add_patches`.
+    share, tolerance : float, float [m]
+        As of `patches.add_patches`: also edges of a moment err alike, by where beams are.
     equations : NormalEquations
         To which it is added.
 
@@ -75,12 +76,13 @@ def add_edges(
     level = edges._replace(seen=edges.seen * (1.0, 1.0, 0.0), beams=np.zeros_like(edges.beams))
     at = level.seen + positions[edges.pose_of] * (1.0, 1.0, 0.0)
     most_across = max(_MOST_ACROSS, _SMEARED * tolerance)
+    settings = share / len(_SHIFTS), tolerance**2, most_across**2
     used = 0
-    for shift in (0.0, 0.5):  # what a border cuts is whole once
+    for shift in _SHIFTS:  # what a border cuts is whole once
         order, starts = by_cube(at / _AREA + shift, edges.pose_of)
         ordered = tuple(part[order] for part in level)
         used += _add(
-            at[order], ordered, starts, (0.5, tolerance**2, most_across**2), equations.matrix,
+            at[order], ordered, starts, settings, equations.matrix,
             equations.gradient, STATES * len(positions),
         )  # fmt: skip
     return used
