@@ -66,12 +66,14 @@ class LaserOdometry:
     ----------
     T_odom_wheels : (4, 4) float64
         Where the frame of the wheels' odometry is in that of this one.
+    is_level : bool
+        Whether no laser has seen the ground so far.
     """
 
     def __init__(self, memory: float) -> None:
         self.T_odom_wheels = np.eye(4)
         self._memory = memory
-        self._is_level = True
+        self.is_level = True
         self._matched: se3.Matrix = np.eye(4)  # T_wheels_base of the last scan that was matched
         self._kept: se3.Matrix = np.eye(4)  # T_odom_base of the newest one of these:
         self._scans: deque[_Scan] = deque()
@@ -88,8 +90,8 @@ class LaserOdometry:
         Beams
             The same in the frame of this odometry.
         """
-        self._is_level = self._is_level and not see_ground(beams)
-        if self._is_level and T_wheels_base[2, 2] > np.cos(_MOST_TILT):
+        self.is_level = self.is_level and not see_ground(beams)
+        if self.is_level and T_wheels_base[2, 2] > np.cos(_MOST_TILT):
             self._take(beams.ends[beams.is_hit & ~beams.is_lone], T_wheels_base)
         is_same = np.array_equal(self.T_odom_wheels, np.eye(4))
         return beams if is_same else beams.moved(self.T_odom_wheels)
