@@ -32,9 +32,8 @@ WINDOW, _OVERLAP = 400, 120
 
 _SPARSE = 3  # of so many keyframes one is refined first, which costs a tenth
 _WIDE, _NEAR, _NARROW = 1.0, 0.12, 0.04  # [m] tolerance from a patch: first, of all keyframes, last
-_FOLLOWS = 5.0  # times as long as the last step is the tolerance: soon narrow if little moves; but
-_NARROWING = 0.5  # of the one before it is at least, and at most so much:
-_SLOWLY, _QUICKLY = 0.9, 0.6  # of some keyframes, and of all
+_NARROWING = 0.5, 0.9  # at least and at most, from one step to the next; between these the
+_FOLLOWS = 5.0  # tolerance is so many times as long as the last step: soon narrow if little moves
 _SPARSE_STEPS, _STEPS = 8, 5  # with the last tolerance at most
 _CONVERGED = 3e-3  # [m] by which the last step bends the drive
 _SETTLED = 0.1  # [m] by which a stretch is bent that need not be refined again
@@ -147,10 +146,10 @@ def _solved(
 ) -> Refined:
     """Refine a stretch, with covariances for pairs (P, 2) of its keyframes."""
     some = _Stretch(keyframes[::_SPARSE], T_map_odom[::_SPARSE], params)
-    some.solve(_WIDE, _NEAR, _SLOWLY, _SPARSE_STEPS)
+    some.solve(_WIDE, _NEAR, _SPARSE_STEPS)
     moved = some.T_map_odom()[np.arange(len(keyframes)) // _SPARSE]  # others as the one before
     stretch = _Stretch(keyframes, moved, params)
-    stretch.solve(_NEAR, _NARROW, _QUICKLY, _STEPS)
+    stretch.solve(_NEAR, _NARROW, _STEPS)
     return Refined(stretch.T_map_odom(), stretch.tilts(), stretch.covariances(pairs))
 
 
@@ -235,7 +234,7 @@ class _Stretch:
         self._errors = np.zeros((len(keyframes), STATES))
         self._constants = np.zeros(STATES)
 
-    def solve(self, tolerance: float, last: float, narrowing: float, count: int) -> None:
+    def solve(self, tolerance: float, last: float, count: int) -> None:
         """Take steps with a tolerance that narrows, and with the last one until they are short."""
         steps = 0
         while steps < count:
@@ -244,7 +243,7 @@ class _Stretch:
                 steps += 1
                 if moved < _CONVERGED:
                     break
-            tolerance *= float(np.clip(_FOLLOWS * moved / tolerance, _NARROWING, narrowing))
+            tolerance *= float(np.clip(_FOLLOWS * moved / tolerance, *_NARROWING))
             tolerance = max(tolerance, last)
             if tolerance == _NARROW:
                 slipped = float(np.sqrt(np.mean(np.square(self._errors[:, _SLIP]))))
