@@ -122,7 +122,7 @@ class Explorer:
 
     def _opened(self, survey: Survey) -> list[Survey]:
         """What opens ways; obstacles that are doubted have to be seen from near."""
-        return [self._opened_in(part) for part in survey.slices if not part.is_for_near_looks]
+        return [self._opened_in(part) for part in survey.slices if not part.is_beyond_edges]
 
     def _opened_in(self, survey: Survey) -> Survey:
         doubted = survey.scenery.wanted & ~survey.certain

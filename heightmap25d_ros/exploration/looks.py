@@ -53,16 +53,18 @@ class Looks:
                 continue
             at = tuple(missed.T)
             away = np.hypot(*(missed - cell).T) * survey.geometry.resolution
+            is_first = before[at] == 0
             self._count[at] = before[at] + np.where(away < NEAR_LOOK, 2, 1).astype(np.int16)
             self._height[at] = height[at]
             eye = height[cell] + one.scenery.sensor_height
-            is_excused = (_ground_before(one, missed) > eye - RISE) & ~one.is_for_near_looks
-            self._is_from_below[at] = is_excused & ((before[at] == 0) | self._is_from_below[at])
+            is_near = one.scenery.reach * survey.geometry.resolution <= NEAR_LOOK
+            is_excused = (_ground_before(one, missed) > eye - RISE) & (not is_near)
+            self._is_from_below[at] = is_excused & (is_first | self._is_from_below[at])
 
     def from_below(self, geometry: Geometry) -> NDArray[np.bool_]:
         """(rows, columns): what was looked for in vain only from below.
 
-        Not if that was done because of these: they are looked for once more.
+        And only from afar: it is looked for from near once more.
         """
         self.of(geometry)
         return self._is_from_below

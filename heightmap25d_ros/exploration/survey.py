@@ -48,8 +48,8 @@ class Survey:
         Of what is wanted, what is not, nor lies behind, what was looked for in vain.
     certain : (rows, columns) bool
         Of what is wanted, what does not lie behind obstacles that are doubted.
-    is_for_near_looks : bool
-        Whether it holds what is wanted besides, to be seen from near: see `Surveyor`.
+    is_beyond_edges : bool
+        Whether what is wanted is where another level is known; see `unseen_decks`.
     others : tuple of Survey
         Of the other slices.
     """
@@ -62,7 +62,7 @@ class Survey:
     counted: NDArray[np.bool_]
     fresh: NDArray[np.bool_]
     certain: NDArray[np.bool_]
-    is_for_near_looks: bool = False
+    is_beyond_edges: bool = False
     others: tuple[Survey, ...] = ()
 
     @property

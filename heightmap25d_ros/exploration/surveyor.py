@@ -150,7 +150,7 @@ class Surveyor:
             costs=np.where(is_seen, survey.costs, np.inf),
             scenery=replace(scenery, height=height, wanted=wanted),
         )
-        return [_for_near_looks(offered)] if wanted.any() else []
+        return [_besides(offered)] if wanted.any() else []
 
     def _beyond_edges(self, survey: Survey, before: list[Survey], decks: Mask) -> list[Survey]:
         """What a slice offers at edges of its decks, besides surveys before.
@@ -197,7 +197,7 @@ class Surveyor:
             scenery=replace(before, height=height, known=known, wanted=wanted),
             occupied=survey.occupied & ~found.ground & ~found.beyond,
         )
-        return _for_near_looks(offered)
+        return replace(_besides(offered), is_beyond_edges=True)
 
     def _offered(
         self,
@@ -285,15 +285,13 @@ def _at_nearest(cells: Mask, height: NDArray[np.float32]) -> NDArray[np.float32]
     return np.asarray(height[tuple(nearest)])
 
 
-def _for_near_looks(survey: Survey) -> Survey:
-    """A survey that holds only what is wanted besides: from afar it is not told from what is known.
+def _besides(survey: Survey) -> Survey:
+    """A survey that holds only what is wanted besides what a slice offers, to be seen from near.
 
-    What was missed from there counts all the same.
+    What was missed from afar counts all the same.
     """
     wanted, nothing = survey.scenery.wanted, np.zeros(survey.geometry.shape, np.bool_)
-    return replace(
-        survey, counted=nothing, fresh=wanted, certain=wanted, is_for_near_looks=True
-    ).seen_from_near()
+    return replace(survey, counted=nothing, fresh=wanted, certain=wanted).seen_from_near()
 
 
 def _with_others(surveys: list[Survey]) -> Survey:
