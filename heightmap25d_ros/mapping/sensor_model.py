@@ -8,7 +8,7 @@ outliers among the returns, and `voids` beams of which none near by met the grou
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -48,6 +48,14 @@ class Beams:
     is_lone: NDArray[np.bool_]
     is_void: NDArray[np.bool_] | None = None
     sensor: SensorParams | None = None
+
+    def moved(self, T: se3.Matrix) -> Beams:
+        """The same, transformed by a pose (4, 4)."""
+        origins, ends = (
+            np.ascontiguousarray(se3.transform_points(T, points))
+            for points in (self.origins, self.ends)
+        )
+        return replace(self, origins=origins, ends=ends)
 
 
 _CONVENTIONS = ("rep117", "zero", "range_max", "out_of_range")  # as numbers, for kernels

@@ -11,8 +11,9 @@ place, however much of it agrees. So does what stood there and is not seen. That
 the robot is on ground that it has not seen before, since then it is at none of the places found.
 
 A place counts if it is the only one that fits: the others must be ruled out by what was seen, and
-not by their rank. One such place may still be chance: it is joined when another search, some metres
-on, finds the same drift. Those between them may find other places too, but not without it.
+not by their rank. One such place may still be chance: it is joined when it is the only one again
+some metres on. There it is looked at whether the search finds it or not, and given up only if what
+is seen there rules it out.
 """
 
 from __future__ import annotations
@@ -136,6 +137,8 @@ class LoopSearch(SlicedSearch[Found]):
     radius, turn : float [m], [rad]
         How far from the expected pose.
     params : Params
+    waiting : (4, 4) float64, optional
+        A drift that another search has found, some metres ago.
     """
 
     def __init__(
@@ -145,8 +148,10 @@ class LoopSearch(SlicedSearch[Found]):
         radius: float,
         turn: float,
         params: Params,
+        waiting: se3.Matrix | None = None,
     ) -> None:
         self._query, self._submaps, self._params = query, submaps, params
+        self._waiting = [] if waiting is None else [waiting]
         x, y = (float(coordinate) for coordinate in query.T_map_base[:2, 3])
         self._prior = Prior(x, y, radius, turn)
         super().__init__()
@@ -163,14 +168,19 @@ class LoopSearch(SlicedSearch[Found]):
         while not search.step(0.0):
             yield None
         found = search.result
-        if found.reason not in (Reason.ACCEPTED, Reason.AMBIGUOUS):
-            yield _refused(found.reason)
+        drifts, has_found = [*self._waiting], found.reason in (Reason.ACCEPTED, Reason.AMBIGUOUS)
+        if has_found:
+            drifts += [_drift_of(candidate, T_map_base) for candidate in found.candidates]
+        if found.reason is Reason.LITTLE_OVERLAP or not drifts:
+            yield _refused(found.reason, self._waiting)
             return
-        places = []
-        for candidate in found.candidates:
-            places.append(_place(query, candidate, older, params))
+        places: list[_Place] = []
+        for drift in drifts:
+            place = _place(query, drift, older, params)
+            if not any(same_drift(place.drift, other.drift, T_map_base) for other in places):
+                places.append(place)
             yield None
-        yield _judged(places, has_found_all=found.has_found_all)
+        yield _judged(places, has_found_all=found.has_found_all or not has_found)
 
 
 class _Place(NamedTuple):
@@ -186,10 +196,14 @@ class _Place(NamedTuple):
     score: float
 
 
-def _place(query: Query, candidate: Candidate, older: RegisteredMap, params: Params) -> _Place:
-    """Hold what was seen against walls and ground, where a search has found the robot."""
+def _drift_of(candidate: Candidate, T_map_base: se3.Matrix) -> se3.Matrix:
+    """The drift (4, 4) of a robot at a pose (4, 4) that is where a search has found it."""
     x, y, yaw = (float(offset) for offset in candidate.offset)
-    coarse = se3.correction_about(query.T_map_base, (x, y, candidate.z), yaw)
+    return se3.correction_about(T_map_base, (x, y, candidate.z), yaw)
+
+
+def _place(query: Query, coarse: se3.Matrix, older: RegisteredMap, params: Params) -> _Place:
+    """Hold what was seen against walls and ground, about where a drift (4, 4) has the robot."""
     T_map_base = coarse @ query.T_map_base
     position = T_map_base[:3, 3]
     returns = query.returns @ coarse[:3, :3].T

@@ -36,7 +36,7 @@ class OwnEstimate:
     @property
     def T_map_odom(self) -> se3.Matrix:
         """(4, 4) float64."""
-        return self._own.estimate.T_map_odom
+        return self._own.T_map_wheels
 
     @property
     def covariance(self) -> Array:
@@ -158,7 +158,7 @@ class OwnMapLocalization:
         """The clock has jumped: scans of before do not go with those of now; the map stays."""
         if self._finder is not None:
             self._finder.forget()
-        self._own.mend(self._own.estimate.T_map_odom)
+        self._own.mend(self._own.T_map_wheels)
 
     def move(self, T_odom_base: se3.Matrix) -> None:
         """Predict with the newest pose (4, 4) of the odometry, until the robot is found.

@@ -6,12 +6,15 @@ The scan filter (`localization.scan_filter`) holds returns against walls and gro
 that are active (`submap_graph`). The scans since the update before are then inserted at the
 corrected pose. When a submap is long enough the next one begins there; then older ones, to which
 the drift may have grown, are searched for the robot (`loop_closure`).
+
+What is called odom here is the odometry as level lasers correct it, see `laser_odometry`; that of
+the wheels is told from it where scans come in, and where poses go out. For all other robots they
+are the same.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import replace
 from operator import attrgetter
 from typing import NamedTuple
 
@@ -30,6 +33,7 @@ from heightmap25d_ros.mapping.sensor_model import Beams
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.slam.bundle import Keyframe
 from heightmap25d_ros.slam.drift import Drift, carried
+from heightmap25d_ros.slam.laser_odometry import LaserOdometry
 from heightmap25d_ros.slam.loop_closure import (
     Found,
     LoopAttempt,
@@ -60,7 +64,9 @@ class Placed(NamedTuple):
     ----------
     stamp_ns : int [ns]
     T_odom_base : (4, 4) float64
-        At its first beam.
+        At its end.
+    T_odom_wheels : (4, 4) float64
+        Where the frame of the odometry that came with the scan is.
     submap : int
     T_submap_odom : (4, 4) float64
         In the frame of that submap.
@@ -72,6 +78,7 @@ class Placed(NamedTuple):
 
     stamp_ns: int
     T_odom_base: se3.Matrix
+    T_odom_wheels: se3.Matrix
     submap: int
     T_submap_odom: se3.Matrix
     covariance: Array
@@ -81,6 +88,7 @@ class Placed(NamedTuple):
 class _Waiting(NamedTuple):
     stamp_ns: int
     T_odom_base: se3.Matrix
+    T_odom_wheels: se3.Matrix
     beams: Beams
 
 
@@ -164,6 +172,7 @@ class OwnMapTracker:
             unknown_errors(params),
         )
         self.distance = self.unobserved = 0.0
+        self._laser = LaserOdometry(params.slam.active_distance)
         self._window = ScanWindow(params.scan_filter)
         self._waiting: list[_Waiting] = []
         self._views: deque[_View] = deque(maxlen=_QUERY_VIEWS)
@@ -204,21 +213,27 @@ class OwnMapTracker:
         begun = carried(self._map.covariance, away)
         return np.asarray(begun + self._drift.covariance[:3, :3] + _START)
 
-    def mend(self, T_map_odom: se3.Matrix) -> None:
-        """Odometry has jumped: its frame is now at a pose (4, 4), and the robot where it was."""
+    @property
+    def T_map_wheels(self) -> se3.Matrix:
+        """Pose (4, 4) in the map of the frame of the odometry that comes with the scans."""
+        return np.asarray(self.estimate.T_map_odom @ self._laser.T_odom_wheels)
+
+    def mend(self, T_map_wheels: se3.Matrix) -> None:
+        """The wheels' odometry has jumped: its frame is at a pose (4, 4), the robot as before."""
         if self._waiting:
             self._insert()
-        if self._T_odom_base is not None:
-            self._T_odom_base = se3.inverse(T_map_odom) @ self.T_map_base
-        self.estimate.T_map_odom = T_map_odom
+        self._laser.mend(se3.inverse(self.estimate.T_map_odom) @ T_map_wheels)
         self._window.clear()
         self._views.clear()
 
-    def integrate(self, beams: Beams, T_odom_base: se3.Matrix, stamp_ns: int) -> None:
-        """Take a scan in, with its beams in odom and the pose (4, 4) of the robot at its end."""
+    def integrate(self, beams: Beams, T_wheels_base: se3.Matrix, stamp_ns: int) -> None:
+        """Take a scan in, with its beams and the pose (4, 4) of the robot at its end by wheels."""
+        beams = self._laser.correct(beams, T_wheels_base)
+        T_odom_wheels = self._laser.T_odom_wheels
+        T_odom_base = T_odom_wheels @ T_wheels_base
         self._move(T_odom_base)
         self._window.add(beams, stamp_ns)
-        self._waiting.append(_Waiting(stamp_ns, T_odom_base, beams))
+        self._waiting.append(_Waiting(stamp_ns, T_odom_base, T_odom_wheels, beams))
         if not self.submaps:
             self.begun_ns = stamp_ns
             self._map.begin(self.T_map_base, self.estimate.covariance)
@@ -247,7 +262,11 @@ class OwnMapTracker:
     def poses(self) -> list[ScanPose]:
         """Where each scan was taken, by the submaps as they are now."""
         return [
-            ScanPose(p.stamp_ns, self.submaps[p.submap].T_map_submap @ p.T_submap_odom, p.is_sure)
+            ScanPose(
+                p.stamp_ns,
+                self.submaps[p.submap].T_map_submap @ p.T_submap_odom @ p.T_odom_wheels,
+                p.is_sure,
+            )
             for p in self.placed
         ]
 
@@ -328,18 +347,12 @@ class OwnMapTracker:
         covariance = self._drift.covariance[:3, :3]
         is_sure = not self._is_contradicted or self.distance - self._agreed > _IN_DOUBT
         for waiting in self._waiting:
-            beams = waiting.beams
-            placed = replace(
-                beams,
-                origins=np.ascontiguousarray(se3.transform_points(T_submap_odom, beams.origins)),
-                ends=np.ascontiguousarray(se3.transform_points(T_submap_odom, beams.ends)),
-            )
             if is_sure:
-                self.submaps[-1].integrate(placed, self.distance)
+                self.submaps[-1].integrate(waiting.beams.moved(T_submap_odom), self.distance)
             if self._is_recording:
                 self.placed.append(Placed(
-                    waiting.stamp_ns, waiting.T_odom_base, len(self.submaps) - 1, T_submap_odom,
-                    covariance, is_sure,
+                    waiting.stamp_ns, waiting.T_odom_base, waiting.T_odom_wheels,
+                    len(self.submaps) - 1, T_submap_odom, covariance, is_sure,
                 ))  # fmt: skip
         stamp_ns = self._inserted_ns = self._waiting[-1].stamp_ns
         self._waiting.clear()
@@ -396,7 +409,10 @@ class OwnMapTracker:
         ]
         recent = self._map.recent(_QUERY_DISTANCE)
         query = query_of(recent, T_map_base, returns, self._params)
-        search = LoopSearch(query, candidate.cells, candidate.radius, candidate.turn, self._params)
+        waiting = None if self._pending is None else self._pending[1].drift
+        search = LoopSearch(
+            query, candidate.cells, candidate.radius, candidate.turn, self._params, waiting
+        )
         second = len(self.submaps) - 1
         self._next = _Searching(search, candidate, second, T_map_base, stamp_ns)
         if self._searching is None:

@@ -59,10 +59,12 @@ def disagreed(tracker: OwnMapTracker, poses: Sequence[ScanPose]) -> float:
         Of all scans of its drive.
     """
     T_odom_base = np.array([placed.T_odom_base for placed in tracker.placed])
+    T_odom_wheels = np.array([placed.T_odom_wheels for placed in tracker.placed])
+    T_wheels_base = se3.inverse(T_odom_wheels) @ T_odom_base
     steps = np.diff(_distances(T_odom_base), append=np.inf)[:-1]
     apart = [
         is_apart(before.T_map_odom @ T, after.T_map_odom @ T)
-        for before, after, T in zip(tracker.poses(), poses, T_odom_base, strict=True)
+        for before, after, T in zip(tracker.poses(), poses, T_wheels_base, strict=True)
     ]
     return float(steps[apart[1:]].sum())
 
@@ -132,7 +134,7 @@ def _between_keyframes(tracker: OwnMapTracker, found: Refined) -> list[ScanPose]
         one, other = found.T_map_odom[[k, j]] @ placed.T_odom_base
         T_map_base = _partly(one, other, part)
         T_map_odom = T_map_base @ se3.inverse(placed.T_odom_base)
-        T_map_odom = _tilted(T_map_base, tilt) @ T_map_odom
+        T_map_odom = _tilted(T_map_base, tilt) @ T_map_odom @ placed.T_odom_wheels
         poses.append(ScanPose(placed.stamp_ns, T_map_odom, placed.is_sure))
     return poses
 

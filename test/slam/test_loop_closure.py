@@ -52,7 +52,7 @@ def submap_of(returns, T_map_base):
     return submap
 
 
-def searched(crates, seen, x, radius=5.0):
+def searched(crates, seen, x, radius=5.0, waiting=None):
     """A robot in the middle of 12 m with crates at ``seen``, that begin at x of the older map."""
     rng = np.random.default_rng(1)
     older = submap_of(returns_of(rng, 24.0, crates), se3.from_xyz_rpy([2.0, 0, 0, 0, 0, 0]))
@@ -60,7 +60,7 @@ def searched(crates, seen, x, radius=5.0):
     returns = se3.transform_points(se3.inverse(DRIFT), true)
     T_map_base = se3.inverse(DRIFT) @ se3.from_xyz_rpy([x + 6.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     query = query_of([submap_of(returns, T_map_base)], T_map_base, [returns[::4]], PARAMS)
-    return LoopSearch(query, [older], radius, 0.2, PARAMS).finish(), T_map_base
+    return LoopSearch(query, [older], radius, 0.2, PARAMS, waiting).finish(), T_map_base
 
 
 def test_crates_tell_where_the_robot_is():
@@ -95,3 +95,17 @@ def test_of_places_that_look_alike_those_with_something_else_in_them_are_ruled_o
     found, T_map_base = searched(crates, seen, x=5.0)
     assert found.reason is Reason.ACCEPTED
     assert same_drift(found.drift, DRIFT, T_map_base)
+
+
+def test_a_loop_that_waits_is_looked_at_where_a_search_does_not_reach():
+    found, T_map_base = searched(crates=[8.0, 9.5], seen=[3.0, 4.5], x=5.0, radius=0.4)
+    assert found.reason is not Reason.ACCEPTED
+    found, T_map_base = searched([8.0, 9.5], [3.0, 4.5], x=5.0, radius=0.4, waiting=DRIFT)
+    assert found.reason is Reason.ACCEPTED
+    assert same_drift(found.drift, DRIFT, T_map_base)
+
+
+def test_a_loop_that_waits_is_ruled_out_by_what_stands_there():
+    found, _ = searched(crates=[], seen=[3.0, 4.5], x=5.0, waiting=DRIFT)
+    assert found.reason is Reason.HIGH_RESIDUAL
+    assert not found.possible

@@ -33,7 +33,7 @@ def square():
         keyframes.append(Keyframe(2 * number, number, np.eye(4), T, nothing, nothing))
         for k, pose in enumerate((T, T @ planar(2.0, 0.0, 0.0))):
             stamp = 10 * number + k
-            placed.append(Placed(stamp, pose, number, np.eye(4), np.zeros((3, 3)), True))
+            placed.append(Placed(stamp, pose, np.eye(4), number, np.eye(4), np.zeros((3, 3)), True))
         if number:
             graph.join(Edge(number - 1, number, SIDE, 100.0 * np.eye(4), distance=4.0))
     graph.join(Edge(0, 4, np.zeros(4), 1e6 * np.eye(4), is_loop=True))
