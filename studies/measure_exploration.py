@@ -15,8 +15,8 @@ ordered by 2-opt; it ends at its last place.
 defaults, over the same mapper, planner and controller.
 
 --drift runs it on drifting odometry, with localization in the map under construction
-(``localization.own_map``): errors of the pose, and F1 of the blocked transitions of the map, after
-alignment with the truth.
+(``localization.own_map``): errors of the pose, for how long it was confidently wrong, and F1 of the
+blocked transitions of the map, after alignment with the truth.
 
 The directory (default: out/exploration) gets a JSON line for each run, and a picture of each.
 """
@@ -37,6 +37,7 @@ from heightmap25d_ros.evaluation.path_drivability import evaluate_path
 from heightmap25d_ros.evaluation.trajectory_error import alignment, planar_errors
 from heightmap25d_ros.evaluation.truth import TrueGround, Truth
 from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, Geometry
+from heightmap25d_ros.localization.tracking_state import State
 from heightmap25d_ros.params import files
 from heightmap25d_ros.pipelines.exploration_task import Task
 from heightmap25d_ros.pipelines.localization import Localizer
@@ -54,6 +55,7 @@ SHARES = (0.9, 0.95)
 SCAN_RATE, STEP = 12.5, 0.02  # [Hz], [s]
 LONGEST = 3600.0  # [s], simulated
 SAME_LEVEL = 0.35  # [m]
+WRONG, SIGMAS = 0.15, 3.0  # [m], of the pose: more of both is confidently wrong
 TOLERANCE = 2.0  # [m] of the planner, for goals of explore_lite, which lie in the unknown
 
 
@@ -169,7 +171,8 @@ class Run:
         true ones: the frame of a robot's own map begins as its first scans were seen.
         """
         record = self.explored.record
-        stamps, told = (np.array(values) for values in zip(*record.told, strict=True))
+        stamps = np.array([pose.stamp_ns for pose, _ in record.told])
+        told = np.array([pose.T_map_base for pose, _ in record.told])
         true = interpolate(*map(np.array, zip(*record.trajectory, strict=True)), stamps)
         T_world_map = alignment(told, true)
         away = planar_errors(told, true)[:, 0]
@@ -183,9 +186,22 @@ class Run:
             "aligned_rmse_m": round(float(np.sqrt(np.mean(left**2))), 3),
             "aligned_largest_m": round(left.max(), 3),
             "aligned_end_m": round(left[-1], 3),
+            "confidently_wrong_s": self.confidently_wrong(told, se3.inverse(T_world_map) @ true),
             "turned_deg": round(float(np.degrees(se3.yaw(T_world_map))), 2),
             "blocked_f1": round(found.blocked_transitions.f1 or 0.0, 4),
         }
+
+    def confidently_wrong(self, told, true):
+        """For how long [s] the pose was wrong by more than its covariance allows, while TRACKING.
+
+        That is by `WRONG` and by more than three of its own standard deviations.
+        """
+        off = (told - true)[:, :2, 3]
+        covariances = np.array([pose.covariance[:2, :2] for pose, _ in self.explored.record.told])
+        squared = np.einsum("ni,nij,nj->n", off, np.linalg.inv(covariances), off)
+        is_sure = [state is State.TRACKING for _, state in self.explored.record.told]
+        is_wrong = is_sure & (squared > SIGMAS**2) & (np.linalg.norm(off, axis=1) > WRONG)
+        return round(float(is_wrong.mean()) * self.simulation.seconds, 1)
 
     def draw(self, path):
         record = self.explored.record

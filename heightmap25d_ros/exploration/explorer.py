@@ -20,7 +20,7 @@ from scipy import ndimage
 
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.exploration import frontiers
-from heightmap25d_ros.exploration.looks import NEAR_LOOK, Looks
+from heightmap25d_ros.exploration.looks import Looks
 from heightmap25d_ros.exploration.stops import Candidates, best_stops
 from heightmap25d_ros.exploration.survey import LEVEL, Survey
 from heightmap25d_ros.exploration.surveyor import Surveyor
@@ -115,23 +115,29 @@ class Explorer:
             choice = self._best(certain, least, farthest=self._params.exploration.sight)
         if choice.goal is not None:
             return choice
-        opened = [self._opened(part) for part in survey.slices]
+        opened = self._opened(survey)
         if not any(part.scenery.wanted.any() for part in opened):
             return choice
         return self._best(_with_slices(opened), OPENING * least)
 
-    def _opened(self, survey: Survey) -> Survey:
-        """What opens ways; obstacles that are doubted have to be seen from near."""
-        doubted = survey.scenery.wanted & ~survey.certain
-        opened = survey.restricted((survey.fresh | doubted) & self._openings(survey))
-        if not doubted.any():
-            return opened
-        reach = NEAR_LOOK / survey.geometry.resolution
-        scenery = replace(opened.scenery, reach=min(reach, opened.scenery.reach))
-        return replace(opened, scenery=scenery)
+    def _opened(self, survey: Survey) -> list[Survey]:
+        """What opens ways; while obstacles are doubted with these, and with what is high: near."""
+        parts = [part for part in survey.slices if not part.is_beyond_edges]
+        if not self._surveyor.is_doubting:
+            return [part.restricted(part.fresh & self._openings(part)) for part in parts]
+        missed = self._looks.from_below(survey.geometry)
+        return [
+            part.restricted(
+                (part.fresh | ~part.certain | missed) & self._openings(part)
+            ).seen_from_near()
+            for part in parts
+        ]
 
     def doubt_obstacles(self) -> bool:
-        """Count obstacles that may be noise as unknown from now on; whether that is new."""
+        """Count obstacles that may be noise, and what is beyond edges, as unknown from now on.
+
+        Whether that is new.
+        """
         is_new, self._surveyor.is_doubting = not self._surveyor.is_doubting, True
         return is_new
 

@@ -44,7 +44,13 @@ def touched(known: Mask, occupied: Mask, reachable: Mask, radius: float) -> Mask
     return _spread(reachable & free, math.ceil(radius), free)
 
 
-def wanted(known: Mask, touched: Mask, allowed: Mask, depth: float) -> Mask:
+def wanted(
+    known: Mask,
+    touched: Mask,
+    allowed: Mask,
+    depth: float,
+    height: NDArray[np.float32] | None = None,
+) -> Mask:
     """(rows, columns): the unknown cells that matter.
 
     Those not farther than the depth behind a frontier, on a path over cells that are not occupied.
@@ -57,6 +63,8 @@ def wanted(known: Mask, touched: Mask, allowed: Mask, depth: float) -> Mask:
     allowed : (rows, columns) bool
         Unknown cells elsewhere are not wanted.
     depth : float [cells]
+    height : (rows, columns) float32 [m], optional
+        In the cells that matter it becomes that of the frontier before them, in place.
 
     Examples
     --------
@@ -70,7 +78,7 @@ def wanted(known: Mask, touched: Mask, allowed: Mask, depth: float) -> Mask:
            [False, False, False, False]])
     """
     unknown = ~known & allowed
-    return _spread(touched, math.ceil(depth), unknown) & unknown
+    return _spread(touched, math.ceil(depth), unknown, height) & unknown
 
 
 def openings(occupied: Mask, reachable: Mask, allowed: Mask, radius: float, least: int) -> Mask:
@@ -118,14 +126,25 @@ def openings(occupied: Mask, reachable: Mask, allowed: Mask, radius: float, leas
     return np.asarray(ndimage.binary_dilation(large, _CROSS, iterations=math.ceil(radius) + _RIM))
 
 
-def _spread(mask: Mask, cells: int, within: Mask) -> Mask:
-    """A mask grown by so many steps over the sides of cells, within another one."""
-    return np.asarray(_grown(mask, cells, within).view(np.bool_))
+def _spread(
+    mask: Mask, cells: int, within: Mask, carried: NDArray[np.float32] | None = None
+) -> Mask:
+    """A mask grown by so many steps over the sides of cells, within another one.
+
+    Values (rows, columns) are carried along, in place.
+    """
+    steps, added = _grown(mask, cells, within)
+    if carried is not None:
+        _carry(mask, added, carried)
+    return np.asarray(steps.view(np.bool_))
 
 
 @kernel
 def _grown(mask, cells, within):
-    """As `_spread`, as uint8: by breadth first, so that only what is added takes time."""
+    """As `_spread`, as uint8, and the added cells in their order.
+
+    By breadth first, so that only what is added takes time.
+    """
     rows, columns = mask.shape
     steps = np.zeros((rows, columns), np.uint8)  # 1: in the mask or added, 0: neither
     queue = np.empty((mask.size, 2), np.int32)
@@ -152,7 +171,22 @@ def _grown(mask, cells, within):
                     queue[end] = iy, ix
                     end += 1
         begin = last
-    return steps
+    return steps, queue[:end].copy()
+
+
+@kernel
+def _carry(mask, added, values):
+    """Give each added cell the value of one beside it that is in the mask, or was added before."""
+    rows, columns = mask.shape
+    has_value = mask.copy()
+    for n in range(len(added)):
+        y, x = added[n]
+        for dy, dx in _SIDES:
+            iy, ix = y + dy, x + dx
+            if 0 <= iy < rows and 0 <= ix < columns and has_value[iy, ix]:
+                values[y, x] = values[iy, ix]
+                break
+        has_value[y, x] = True
 
 
 @kernel

@@ -1,21 +1,30 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Looks in vain: how often each cell was looked for and not seen."""
+"""Looks in vain: how often each cell was looked for and not seen.
+
+Scanners look ahead and down: a look in vain for ground that is higher than the sensor, as the upper
+part of a ramp is from its foot, tells little.
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from heightmap25d_ros.exploration import sight
-from heightmap25d_ros.exploration.survey import LEVEL, Survey
+from heightmap25d_ros.exploration.survey import LEVEL, NEAR_LOOK, Survey
 from heightmap25d_ros.grid.height_map import Geometry
 
-NEAR_LOOK = 3.0
-"""A look from within this distance counts twice [m]."""
+_RISE = 0.25
+"""So much higher than the ground before it unknown ground may be [m]."""
+
+_BESIDE = 2.0
+"""So far from what is wanted there is known ground [m]."""
 
 
 class Looks:
@@ -24,6 +33,7 @@ class Looks:
     def __init__(self) -> None:
         self._count = np.zeros((0, 0), np.int16)
         self._height = np.zeros((0, 0), np.float32)  # [m] of the cells then
+        self._is_from_below = np.zeros((0, 0), np.bool_)  # all of the looks
         self._geometry: Geometry | None = None
 
     def forget(self) -> None:
@@ -39,10 +49,20 @@ class Looks:
             height = one.scenery.height
             before = self.of(survey.geometry, height if survey.others else None)
             missed = np.argwhere(sight.seen_from(one.scenery, cell))
+            if not len(missed):
+                continue
             at = tuple(missed.T)
             away = np.hypot(*(missed - cell).T) * survey.geometry.resolution
             self._count[at] = before[at] + np.where(away < NEAR_LOOK, 2, 1).astype(np.int16)
             self._height[at] = height[at]
+            eye = height[cell] + one.scenery.sensor_height
+            is_higher = _ground_before(one, missed) > eye - _RISE
+            self._is_from_below[at] = is_higher & ((before[at] == 0) | self._is_from_below[at])
+
+    def from_below(self, geometry: Geometry) -> NDArray[np.bool_]:
+        """(rows, columns): what was looked for in vain only from below."""
+        self.of(geometry)
+        return self._is_from_below
 
     def of(
         self, geometry: Geometry, height: NDArray[np.float32] | None = None
@@ -57,13 +77,26 @@ class Looks:
             Looks at other heights than these do not count.
         """
         if self._geometry != geometry:
-            self._count, self._height = (
-                _moved(kept, self._geometry, geometry) for kept in (self._count, self._height)
+            self._count, self._height, self._is_from_below = (
+                _moved(kept, self._geometry, geometry)
+                for kept in (self._count, self._height, self._is_from_below)
             )
             self._geometry = replace(geometry)
         if height is None:
             return self._count
         return np.where(np.abs(self._height - height) < LEVEL, self._count, np.int16(0))
+
+
+def _ground_before(survey: Survey, cells: NDArray[np.int64]) -> NDArray[np.float32]:
+    """(N,) [m]: the height of the known ground that is nearest to unknown cells (N, 2)."""
+    margin = math.ceil(_BESIDE / survey.geometry.resolution)
+    first = np.maximum(cells.min(axis=0) - margin, 0)
+    y, x = (slice(n, end + margin + 1) for n, end in zip(first, cells.max(axis=0), strict=True))
+    is_ground = (survey.scenery.known & ~survey.occupied)[y, x]
+    nearest = ndimage.distance_transform_edt(
+        ~is_ground, return_distances=False, return_indices=True
+    )
+    return np.asarray(survey.scenery.height[y, x][tuple(nearest)][tuple((cells - first).T)])
 
 
 def _moved(kept: NDArray[Any], before: Geometry | None, geometry: Geometry) -> NDArray[Any]:

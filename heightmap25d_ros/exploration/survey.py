@@ -20,6 +20,9 @@ from heightmap25d_ros.planning.search import to_cell
 LEVEL = 0.7
 """Heights that are farther apart are of different levels [m]."""
 
+NEAR_LOOK = 3.0
+"""A look from within this distance counts twice [m]: returns are dense there."""
+
 _SAME_Z = 0.3
 """Slices whose ground is as near to a place are both around it [m]."""
 
@@ -45,6 +48,8 @@ class Survey:
         Of what is wanted, what is not, nor lies behind, what was looked for in vain.
     certain : (rows, columns) bool
         Of what is wanted, what does not lie behind obstacles that are doubted.
+    is_beyond_edges : bool
+        Whether what is wanted is where another level is known; see `unseen_decks`.
     others : tuple of Survey
         Of the other slices.
     """
@@ -57,6 +62,7 @@ class Survey:
     counted: NDArray[np.bool_]
     fresh: NDArray[np.bool_]
     certain: NDArray[np.bool_]
+    is_beyond_edges: bool = False
     others: tuple[Survey, ...] = ()
 
     @property
@@ -127,3 +133,8 @@ class Survey:
         """The survey of a slice in which only a part (rows, columns) of what is wanted counts."""
         scenery = replace(self.scenery, wanted=self.scenery.wanted & wanted)
         return replace(self, scenery=scenery)
+
+    def seen_from_near(self) -> Survey:
+        """The survey of a slice in which places show only what is near, as by a near look."""
+        reach = min(self.scenery.reach, NEAR_LOOK / self.geometry.resolution)
+        return replace(self, scenery=replace(self.scenery, reach=reach))

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from heightmap25d_ros.exploration import frontiers
 from heightmap25d_ros.exploration.doubtful_obstacles import doubtful
@@ -15,7 +16,7 @@ from heightmap25d_ros.exploration.looks import Looks
 from heightmap25d_ros.exploration.sight import Scenery
 from heightmap25d_ros.exploration.survey import LEVEL, Survey
 from heightmap25d_ros.exploration.travel_costs import travel_costs, travel_costs_over_levels
-from heightmap25d_ros.exploration.unseen_decks import deck_edges
+from heightmap25d_ros.exploration.unseen_decks import Edges, decks, edges
 from heightmap25d_ros.grid.height_map import Geometry, HeightMap
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.planning.boundary import Boundary
@@ -42,7 +43,8 @@ class Surveyor:
     Attributes
     ----------
     is_doubting : bool
-        Whether obstacles that may be noise are as good as unknown; on maps of one level.
+        Whether obstacles that may be noise are as good as unknown, on maps of one level; and what
+        is beyond drops, where a deck may go on.
     """
 
     def __init__(self, params: Params, boundary: Boundary, looks: Looks) -> None:
@@ -66,7 +68,11 @@ class Surveyor:
             else np.full(geometry.shape, np.inf)
         )
         survey = self._offered(graph, height_map.known, costs, robot, is_one_level=True)
-        return self._in_doubt(survey, height_map) if self.is_doubting else survey
+        if not self.is_doubting:
+            return survey
+        doubted = self._in_doubt(survey, height_map)
+        no_decks = np.zeros(height_map.geometry.shape, np.bool_)
+        return _with_others([doubted, *self._beyond_edges(survey, [doubted], no_decks)])
 
     def _in_doubt(self, survey: Survey, height_map: HeightMap) -> Survey:
         """The same, with what lies behind ground that the robot might come to after all.
@@ -116,38 +122,59 @@ class Surveyor:
                 for k, other in zip(order, surveys, strict=False)
             ]
             counted = ~np.any(before, axis=0) if before else survey.counted
-            surveys.append(replace(_without_wanted_of(survey, surveys), counted=counted))
-        beyond = [
-            self._beyond_decks(survey, levels.layers[number])
-            for number, survey in zip(order, surveys, strict=True)
-        ]
-        others = *surveys[1:], *(survey for survey in beyond if survey is not None)
-        return replace(surveys[0], others=others)
+            surveys.append(replace(_without_those(survey, surveys), counted=counted))
+        for number, survey in zip(order, surveys.copy(), strict=True):
+            surveys += self._beyond_edges(survey, surveys, decks(levels.layers[number]))
+        return _with_others(surveys)
 
-    def _beyond_decks(self, survey: Survey, layer: NDArray[np.int8]) -> Survey | None:
-        """What a slice, of which each cell is in a layer, offers to one who is on its decks."""
-        own, geometry = self._params.exploration, survey.geometry
-        edges = deck_edges(
-            layer,
-            survey.scenery.height,
-            np.isfinite(survey.costs),
-            depth=own.frontier_depth / geometry.resolution,
-            clear_height=self._params.levels.clear_height,
-            max_step=self._params.traversability.max_step,
-        )
-        if edges is None:
-            return None
-        known = survey.scenery.known & ~edges.beyond
-        looks = self._looks.of(geometry, edges.height)
-        allowed = edges.beyond & self.inside(geometry)
-        costs = np.where(edges.deck, survey.costs, np.inf)
-        closed = survey.occupied & ~edges.rim
-        wanted, fresh = self._wanted(known, closed, costs, allowed, looks, geometry)
-        scenery = replace(survey.scenery, height=edges.height, known=known, wanted=wanted)
-        nothing = np.zeros(known.shape, np.bool_)
+    def _beyond_edges(self, survey: Survey, before: list[Survey], decks: Mask) -> list[Survey]:
+        """What a slice offers at edges of its decks, besides surveys before.
+
+        While obstacles are doubted, at all edges: above drops, and below what the robot drives on.
+        """
+        if self._params.levels.max_surfaces == 1:
+            return []
+        scenery = survey.scenery
+        ground = self._touched(scenery.known, survey.occupied, survey.costs, survey.geometry)
+        if not self.is_doubting:
+            sides = [(ground & decks, scenery.known, scenery.height)]
+        else:
+            sides = [(ground, scenery.known, scenery.height), (ground, ground, -scenery.height)]
+        found: list[Survey] = []
+        for side in sides:
+            edges_there = edges(
+                *side,
+                depth=self._params.exploration.frontier_depth / survey.geometry.resolution,
+                clear_height=self._params.levels.clear_height,
+                max_step=self._params.traversability.max_step,
+            )
+            if edges_there is not None:
+                offered = self._offered_beyond(survey, edges_there)
+                found.append(_without_those(offered, [*before, *found]))
+        return found
+
+    def _offered_beyond(self, survey: Survey, found: Edges) -> Survey:
+        """What edges of a slice offer: to be seen from near, whatever was missed from afar.
+
+        From there a few returns do not tell a deck from what is known already.
+        """
+        own, geometry, before = self._params.exploration, survey.geometry, survey.scenery
+        known, height = before.known & ~found.beyond, before.height.copy()
+        allowed, depth = self.inside(geometry), own.frontier_depth / geometry.resolution
+        frontiers.wanted(known, found.ground, allowed, depth, height)
+        looks = self._looks.of(geometry, height)
+        wanted, _ = self._wanted(known, found.ground, allowed, looks, geometry)
+        is_level = _are_level(before.height, found.ground, self._params.levels.clear_height)
         return replace(
-            survey, costs=costs, scenery=scenery, counted=nothing, fresh=fresh, certain=wanted
-        )
+            survey,
+            costs=np.where(is_level, survey.costs, np.inf),
+            scenery=replace(before, height=height, known=known, wanted=wanted),
+            occupied=survey.occupied & ~found.ground & ~found.beyond,
+            counted=np.zeros(known.shape, np.bool_),
+            fresh=wanted,
+            certain=wanted,
+            is_beyond_edges=True,
+        ).seen_from_near()
 
     def _offered(
         self,
@@ -165,7 +192,8 @@ class Surveyor:
         # Where no known cell is near nothing is wanted.
         height = np.where(np.isnan(graph.height), np.float32(0.0), graph.height)
         looks = self._looks.of(geometry, None if is_one_level else height)
-        wanted, fresh = self._wanted(known, graph.occupied, costs, is_inside, looks, geometry)
+        touched = self._touched(known, graph.occupied, costs, geometry)
+        wanted, fresh = self._wanted(known, touched, is_inside, looks, geometry)
         scenery = Scenery(
             height=height,
             known=known,
@@ -188,8 +216,7 @@ class Surveyor:
     def _wanted(
         self,
         known: Mask,
-        occupied: Mask,
-        costs: NDArray[np.float64],
+        touched: Mask,
         allowed: Mask,
         looks: NDArray[np.int16],
         geometry: Geometry,
@@ -198,28 +225,42 @@ class Surveyor:
 
         Parameters
         ----------
-        known, occupied : (rows, columns) bool
-        costs : (rows, columns) float64 [m]
-        allowed : (rows, columns) bool
+        known, touched, allowed : (rows, columns) bool
+            As of `frontiers.wanted`.
         looks : (rows, columns) int16
             In vain.
         geometry : Geometry
         """
-        own, side = self._params.exploration, geometry.resolution
-        margin = self._params.traversability.robot_radius + self._params.planner.unknown_margin
-        touched = frontiers.touched(known, occupied, np.isfinite(costs), margin / side)
-        depth = own.frontier_depth / side
+        own = self._params.exploration
+        depth = own.frontier_depth / geometry.resolution
         wanted = frontiers.wanted(known, touched, allowed & (looks < own.looks), depth)
         is_missed = wanted & (looks > 0)
         if not is_missed.any():
             return wanted, wanted
         return wanted, frontiers.wanted(known, touched, wanted & ~is_missed, depth)
 
+    def _touched(
+        self, known: Mask, occupied: Mask, costs: NDArray[np.float64], geometry: Geometry
+    ) -> Mask:
+        """The free cells that the robot touches."""
+        margin = self._params.traversability.robot_radius + self._params.planner.unknown_margin
+        return frontiers.touched(known, occupied, np.isfinite(costs), margin / geometry.resolution)
 
-def _without_wanted_of(survey: Survey, before: list[Survey]) -> Survey:
-    """A survey of a slice, without what is wanted in other slices on the same level."""
+
+def _without_those(survey: Survey, before: list[Survey]) -> Survey:
+    """A survey of a slice, without what others know, or want, on the same level."""
     free = np.ones(survey.geometry.shape, np.bool_)
     for other in before:
         is_same = np.abs(other.scenery.height - survey.scenery.height) < LEVEL
-        free &= ~(other.scenery.wanted & is_same)
+        free &= ~((other.scenery.known | other.scenery.wanted) & is_same)
     return survey.restricted(free)
+
+
+def _are_level(height: NDArray[np.float32], ground: Mask, clear_height: float) -> Mask:
+    """(rows, columns): the cells that are on the level of the ground that is nearest to them."""
+    nearest = ndimage.distance_transform_edt(~ground, return_distances=False, return_indices=True)
+    return np.asarray(np.abs(height - height[tuple(nearest)]) < clear_height)
+
+
+def _with_others(surveys: list[Survey]) -> Survey:
+    return replace(surveys[0], others=tuple(surveys[1:]))

@@ -21,7 +21,7 @@ from heightmap25d_ros.localization.tracking_state import State as LocalizationSt
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.exploration import Exploration
 from heightmap25d_ros.pipelines.exploration_task import Task
-from heightmap25d_ros.pipelines.localization import Localizer
+from heightmap25d_ros.pipelines.localization import Localizer, Pose
 from heightmap25d_ros.pipelines.mapping import Mapping
 from heightmap25d_ros.pipelines.path_following import PathFollowing
 from heightmap25d_ros.pipelines.planning import Planning
@@ -50,8 +50,8 @@ class Record:
         Paths, and goals that planning refused.
     decision_s : list of float [s]
         CPU time of each turn of the exploration that looked over the map.
-    told : list of (int, (4, 4) float64)
-        Stamps [ns] and the poses that localization told.
+    told : list of (Pose, State)
+        The poses that localization told, and how sure it was of them.
     """
 
     trajectory: list[tuple[int, se3.Matrix]] = field(default_factory=list)
@@ -60,7 +60,7 @@ class Record:
     plans: int = 0
     refused: int = 0
     decision_s: list[float] = field(default_factory=list)
-    told: list[tuple[int, se3.Matrix]] = field(default_factory=list)
+    told: list[tuple[Pose, LocalizationState]] = field(default_factory=list)
 
 
 class SimulatedExploration:
@@ -174,7 +174,7 @@ class SimulatedExploration:
                 position_deviation=localizer.deviation[0],
             )
         )
-        self.record.told.append((localizer.pose.stamp_ns, localizer.pose.T_map_base))
+        self.record.told.append((localizer.pose, localizer.state))
 
     def _publish_map(self) -> None:
         if not self.mapping.merged["scans"]:

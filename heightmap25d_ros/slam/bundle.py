@@ -4,10 +4,11 @@
 
 Localization on one's own map takes the map for known, as far as it goes: what a pose errs is in all
 that is seen later, and an error of the heading confirms itself. Here neither poses nor surface are
-known. Poses are joined by what returns tell (`patches`), by the ground that the wheels stand on
-(`contacts`) and by the odometry, whose slip, scales and heading bias are unknowns as well, as in
-the scan filter. Gauss-Newton steps; what is on one patch is found anew before each. What counts as
-one patch is thick at first, since much that poses err is to be found, and slip may be heavy.
+known. Poses are joined by what returns tell (`patches`, `edges`), by the ground that the wheels
+stand on (`contacts`) and by the odometry, whose slip, scales and heading bias are unknowns as well,
+as in the scan filter. Gauss-Newton steps; what is on one patch is found anew before each. What
+counts as one patch is thick at first, since much that poses err is to be found, and slip may be
+heavy.
 """
 
 from __future__ import annotations
@@ -23,14 +24,19 @@ from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.params.sections import ScanFilterParams
 from heightmap25d_ros.slam.contacts import contacts_of
+from heightmap25d_ros.slam.edges import add_edges
 from heightmap25d_ros.slam.patches import STATES, NormalEquations, Returns, add_patches
 
 WINDOW, _OVERLAP = 400, 120
 """Keyframes that are refined together at most."""
 
-_STEPS, _CONVERGED = 24, 1e-3  # Gauss-Newton steps at most; [m] rms of the last one
-_FIRST_TOLERANCE, _NARROWING, _LAST_TOLERANCE = 1.0, 0.75, 0.04  # [m] from a patch
-_FOLLOWS = 10.0  # of the last step is the tolerance at most: where little moves it is soon narrow
+_SPARSE, _SPARSE_STEPS = 3, 8  # of so many keyframes one is refined first, which costs a tenth
+_WIDE, _NEAR, _NARROW = 1.0, 0.12, 0.04  # [m] tolerance from a patch: first, of all keyframes, last
+_NARROWING = 0.5, 0.9  # at most and at least, from one step to the next; between these the
+_FOLLOWS = 5.0  # tolerance is so many times as long as the last step: soon narrow if little moves
+_STEPS = 5  # with the last tolerance at most
+_CONVERGED = 3e-3  # [m] by which the last step bends the drive
+_SETTLED = 0.05  # [m] by which a stretch is bent that need not be refined again
 _FIRST_SLIP = 0.2  # standard deviation per distance, until it is known how much wheels have slipped
 _REACH = 30.0  # [m] in the plane, from the robot to returns that are used
 _START = (1e-3, 1e-3, 1e-3, 1e-3)  # [m], [m], [rad], [m] deviation of the first pose
@@ -42,6 +48,9 @@ _X, _Y, _YAW, _Z, _ROLL, _PITCH, _SLIP = range(STATES)
 _MOVED = [_X, _Y, _Z]
 _HEIGHT, _SCALE, _TURN_SCALE, _BIAS = range(4)  # what all poses have in common; the others: unused
 _POSE = np.array([_X, _Y, _YAW, _Z])
+
+
+_Parts = Sequence[NDArray[np.float32]]
 
 
 class Keyframe(NamedTuple):
@@ -56,6 +65,8 @@ class Keyframe(NamedTuple):
         As localization on the own map has found it.
     returns, origins : (N, 3) float32 [m, odom]
         And where the lasers were.
+    edges : (E, 3) float32 [m, odom]
+        Upright ones that were seen, see `edges`.
     """
 
     scan: int
@@ -64,6 +75,7 @@ class Keyframe(NamedTuple):
     T_odom_base: se3.Matrix
     returns: NDArray[np.float32]
     origins: NDArray[np.float32]
+    edges: NDArray[np.float32]
 
 
 class Refined(NamedTuple):
@@ -89,6 +101,7 @@ def refined(
     T_map_odom: se3.Matrix,
     params: ScanFilterParams,
     marks: Sequence[int] = (),
+    known: Refined | None = None,
 ) -> Refined:
     """Refine all keyframes together.
 
@@ -101,22 +114,58 @@ def refined(
     params : ScanFilterParams
     marks : sequence of int, optional
         Numbers of keyframes, in order, for `Refined.covariances`; no two far apart.
+    known : Refined, optional
+        Of the same keyframes and marks: a stretch that is not bent against it is not refined again.
     """
     found, tilts = T_map_odom.copy(), np.zeros((len(keyframes), 2))
     pairs = np.column_stack([marks[:-1], marks[1:]]).astype(np.int64)
     covariances = np.zeros((len(pairs), 4, 4))
-    last = max(len(keyframes) - WINDOW, 0)
-    for begin in [*range(0, last, WINDOW - _OVERLAP), last]:
+    for begin in range(0, max(len(keyframes) - _OVERLAP, 1), WINDOW - _OVERLAP):
         part = np.s_[begin : begin + WINDOW]
-        stretch = _Stretch(keyframes[part], T_map_odom[part], params)
-        moved = stretch.solved()
         skipped = _OVERLAP // 2 if begin else 0
+        inside = (pairs[:, 1] >= begin + skipped) & (pairs[:, 1] < begin + WINDOW)
+        if known is not None and _is_settled(
+            keyframes[part], T_map_odom[part], known.T_map_odom[part]
+        ):
+            moved = Refined(T_map_odom[part], known.tilts[part], known.covariances[inside])
+        else:
+            between = np.maximum(pairs[inside] - begin, 0)
+            moved = _solved(keyframes[part], T_map_odom[part], params, between)
         kept = np.s_[begin + skipped : begin + WINDOW]
         joint = found[begin + skipped] @ se3.inverse(moved.T_map_odom[skipped])
         found[kept], tilts[kept] = joint @ moved.T_map_odom[skipped:], moved.tilts[skipped:]
-        inside = (pairs[:, 1] >= begin + skipped) & (pairs[:, 1] < begin + WINDOW)
-        covariances[inside] = stretch.covariances(np.maximum(pairs[inside] - begin, 0))
+        covariances[inside] = moved.covariances
     return Refined(found, tilts, covariances)
+
+
+def _solved(
+    keyframes: Sequence[Keyframe],
+    T_map_odom: se3.Matrix,
+    params: ScanFilterParams,
+    pairs: NDArray[np.int64],
+) -> Refined:
+    """Refine a stretch, with covariances for pairs (P, 2) of its keyframes."""
+    some = _Stretch(keyframes[::_SPARSE], T_map_odom[::_SPARSE], params)
+    some.solve(_WIDE, _NEAR, _SPARSE_STEPS)
+    moved = some.T_map_odom()[np.arange(len(keyframes)) // _SPARSE]  # others as the one before
+    stretch = _Stretch(keyframes, moved, params)
+    stretch.solve(_NEAR, _NARROW, _STEPS)
+    return Refined(stretch.T_map_odom(), stretch.tilts(), stretch.covariances(pairs))
+
+
+def _is_settled(keyframes: Sequence[Keyframe], now: se3.Matrix, before: se3.Matrix) -> bool:
+    """Whether poses (K, 4, 4) of the odometry's frame have not bent the drive."""
+    T_odom_base = np.array([keyframe.T_odom_base for keyframe in keyframes])
+    at = (before @ T_odom_base)[:, :2, 3]
+    return _bend((now @ T_odom_base)[:, :2, 3] - at, at) < _SETTLED
+
+
+def _bend(moves: Array, at: Array) -> float:
+    """Moves (K, 2) of places (K, 2) [m]: the largest that is left if all turn and move as one."""
+    at, moves = at - at.mean(axis=0), moves - moves.mean(axis=0)
+    aside = np.column_stack([-at[:, 1], at[:, 0]])
+    moves -= (aside * moves).sum() / max(np.square(at).sum(), _LEAST_VARIANCE) * aside
+    return float(np.hypot(*moves.T).max())
 
 
 class _Steps(NamedTuple):
@@ -140,18 +189,21 @@ class _Steps(NamedTuple):
 
 
 def _returns_of(
-    keyframes: Sequence[Keyframe], T_map_odom: se3.Matrix, T_map_base: se3.Matrix
+    points: _Parts,
+    origins: _Parts,
+    T_map_odom: se3.Matrix,
+    T_map_base: se3.Matrix,
 ) -> Returns:
-    """What was seen within reach, from the robot."""
-    pose_of = np.repeat(np.arange(len(keyframes)), [len(k.returns) for k in keyframes])
-    seen, origins = (
+    """What was seen within reach, from the robot: points of each keyframe, and their lasers."""
+    pose_of = np.repeat(np.arange(len(points)), [len(part) for part in points])
+    seen, origins_seen = (
         np.concatenate([
-            se3.transform_points(T, points.astype(np.float64)) - T_base[:3, 3]
-            for T, points, T_base in zip(T_map_odom, of_keyframes, T_map_base, strict=True)
+            se3.transform_points(T, part.astype(np.float64)) - T_base[:3, 3]
+            for T, part, T_base in zip(T_map_odom, of_keyframes, T_map_base, strict=True)
         ])
-        for of_keyframes in ([k.returns for k in keyframes], [k.origins for k in keyframes])
+        for of_keyframes in (points, origins)
     )  # fmt: skip
-    beams = seen - origins
+    beams = seen - origins_seen
     beams /= np.maximum(np.linalg.norm(beams, axis=1), 1e-6)[:, None]
     is_near = np.hypot(seen[:, 0], seen[:, 1]) < _REACH
     is_contact = np.zeros(len(seen), np.bool_)
@@ -169,36 +221,51 @@ class _Stretch:
         T_odom_base = np.array([keyframe.T_odom_base for keyframe in keyframes])
         self._T_map_base = T_map_odom @ T_odom_base
         self._steps = _Steps.of(T_odom_base)
-        returns = _returns_of(keyframes, T_map_odom, self._T_map_base)
+        edges = [keyframe.edges for keyframe in keyframes]
+        self._edges = _returns_of(edges, edges, T_map_odom, self._T_map_base)
+        returns = _returns_of(
+            [keyframe.returns for keyframe in keyframes],
+            [keyframe.origins for keyframe in keyframes],
+            T_map_odom, self._T_map_base,
+        )  # fmt: skip
         at = returns.seen + self._T_map_base[returns.pose_of, :3, 3]
         parts = returns, contacts_of(at, self._T_map_base)
         self._returns = Returns(*(np.concatenate(part) for part in zip(*parts, strict=True)))
         self._errors = np.zeros((len(keyframes), STATES))
         self._constants = np.zeros(STATES)
 
-    def solved(self) -> Refined:
-        """Take steps until they are short."""
-        tolerance = _FIRST_TOLERANCE
-        for _ in range(_STEPS):
-            moved = float(np.sqrt(np.mean(np.square(self._step(tolerance)[:, :2]))))
-            if tolerance == _LAST_TOLERANCE and moved < _CONVERGED:
-                break
-            tolerance = max(min(_NARROWING * tolerance, _FOLLOWS * moved), _LAST_TOLERANCE)
-            if tolerance == _LAST_TOLERANCE:
+    def solve(self, tolerance: float, last: float, count: int) -> None:
+        """Take steps with a tolerance that narrows, and with the last one until they are short."""
+        steps = 0
+        while steps < count:
+            moved = _bend(self._step(tolerance)[:, :2], self._T_map_base[:, :2, 3])
+            if tolerance == last:
+                steps += 1
+                if moved < _CONVERGED:
+                    break
+            tolerance *= float(np.clip(_FOLLOWS * moved / tolerance, *_NARROWING))
+            tolerance = max(tolerance, last)
+            if tolerance == _NARROW:
                 slipped = float(np.sqrt(np.mean(np.square(self._errors[:, _SLIP]))))
                 self._slip = max(self._params.slip, slipped)
-        T_map_odom = [
+
+    def T_map_odom(self) -> se3.Matrix:
+        """(K, 4, 4) of the odometry's frame."""
+        return np.array([
             se3.correction_about(pose, error[_MOVED], error[_YAW]) @ T
             for pose, error, T in zip(self._T_map_base, self._errors, self._T_map_odom, strict=True)
-        ]
-        return Refined(np.array(T_map_odom), self._errors[:, [_ROLL, _PITCH]], np.empty((0, 4, 4)))
+        ])  # fmt: skip
+
+    def tilts(self) -> Array:
+        """(K, 2), see `Refined`."""
+        return self._errors[:, [_ROLL, _PITCH]]
 
     def covariances(self, pairs: NDArray[np.int64]) -> Array:
         """(P, 4, 4) of x, y, yaw, z of the second of each pair (P, 2), as seen from the first."""
         found = np.zeros((len(pairs), 4, 4))
         if not len(pairs):
             return found
-        matrix = self._equations(_LAST_TOLERANCE).matrix
+        matrix = self._equations(_NARROW).matrix
         factor = linalg.cho_factor(matrix, overwrite_a=True, check_finite=False)
         yaw = se3.to_xyz_rpy(self._T_map_base)[:, 5] + self._errors[:, _YAW]
         xy = self._T_map_base[:, :2, 3] + self._errors[:, :2]
@@ -230,22 +297,23 @@ class _Stretch:
         equations = NormalEquations(np.zeros((size, size)), np.zeros(size))
         share = 1.0 / self._params.returns_per_information
         positions = self._T_map_base[:, :3, 3] + self._errors[:, _MOVED]
-        add_patches(self._seen(), positions, share, tolerance, equations)
+        add_patches(self._seen(self._returns), positions, share, tolerance, equations)
+        add_edges(self._seen(self._edges), positions, tolerance, equations)
         self._add_odometry(positions, equations)
         self._add_priors(equations)
         return equations
 
-    def _seen(self) -> Returns:
-        """The returns as the robot sees them from poses as they are now."""
-        error = self._errors[self._returns.pose_of]
+    def _seen(self, returns: Returns) -> Returns:
+        """Returns as the robot sees them from poses as they are now."""
+        error = self._errors[returns.pose_of]
         cos, sin = np.cos(error[:, _YAW]), np.sin(error[:, _YAW])
-        lower = self._constants[_HEIGHT] * self._returns.is_contact
+        lower = self._constants[_HEIGHT] * returns.is_contact
         (x, y, z), (u, v, w) = (
             (cos * part[:, 0] - sin * part[:, 1], sin * part[:, 0] + cos * part[:, 1], part[:, 2])
-            for part in (self._returns.seen, self._returns.beams)
+            for part in (returns.seen, returns.beams)
         )
         tilted = z + error[:, _ROLL] * y - error[:, _PITCH] * x
-        return self._returns._replace(
+        return returns._replace(
             seen=np.column_stack([x + lower * u, y + lower * v, tilted + lower * w]),
             beams=np.column_stack([u, v, w]),
         )

@@ -33,6 +33,7 @@ from heightmap25d_ros.mapping.sensor_model import Beams
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.slam.bundle import Keyframe
 from heightmap25d_ros.slam.drift import Drift, carried
+from heightmap25d_ros.slam.edges import edges_of
 from heightmap25d_ros.slam.laser_odometry import LaserOdometry
 from heightmap25d_ros.slam.loop_closure import (
     Found,
@@ -330,11 +331,13 @@ class OwnMapTracker:
             np.concatenate([of(w.beams)[w.beams.is_hit & ~w.beams.is_lone] for w in self._waiting])
             for of in (attrgetter("ends"), attrgetter("origins"))
         )
+        edges = np.concatenate([edges_of(waiting.beams) for waiting in self._waiting])
         some = np.s_[:: 1 + len(returns) // _KEYFRAME_RETURNS]
         self.keyframes.append(Keyframe(
             len(self.placed) + len(self._waiting) - 1, len(self.submaps) - 1,
             self._T_submap_odom(), self._T_odom_base,
             returns[some].astype(np.float32), origins[some].astype(np.float32),
+            edges.astype(np.float32),
         ))  # fmt: skip
 
     def _T_submap_odom(self) -> se3.Matrix:

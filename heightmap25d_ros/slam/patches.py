@@ -107,7 +107,7 @@ def add_patches(
     settings = share / len(_SIZES), tolerance**2, most_across**2
     used = 0
     for size, shift in itertools.product(_SIZES, (0.0, 0.5)):  # what a border cuts is whole once
-        order, starts = _by_cube(at / size + shift, returns.pose_of)
+        order, starts = by_cube(at / size + shift, returns.pose_of)
         ordered = tuple(part[order] for part in returns)
         used += _add(
             at[order], ordered, starts, settings, equations.matrix, equations.gradient,
@@ -116,8 +116,15 @@ def add_patches(
     return used
 
 
-def _by_cube(at: Array, pose_of: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Order of returns by cube and pose, and where each cube begins; the last one ends there."""
+def by_cube(at: Array, pose_of: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Order of returns by cube and pose, and where each cube begins; the last one ends there.
+
+    Parameters
+    ----------
+    at : (N, 3) float64
+        In sides of the cubes.
+    pose_of : (N,) int64
+    """
     index = np.floor(at).astype(np.int64)
     index -= index.min(axis=0)
     cube = np.ravel_multi_index(tuple(index.T), tuple(index.max(axis=0) + 1))
@@ -141,7 +148,7 @@ def _add(at, returns, starts, settings, matrix, gradient, height):
             part, beams[first:end], pose_of[first:end], settings[1:], weights[: end - first],
             centre, spread, axes,
         ):  # fmt: skip
-            _add_patch(
+            add_patch(
                 part, seen[first:end], beams[first:end], pose_of[first:end], is_contact[first:end],
                 centre, spread[0], axes, settings, matrix, gradient, height,
             )  # fmt: skip
@@ -217,7 +224,7 @@ def _centres(at, pose_of, centres):
 
 
 @kernel
-def _add_patch(  # noqa: C901, PLR0913
+def add_patch(  # noqa: C901, PLR0913
     at, seen, beams, pose_of, is_contact, centre, across, axes, settings, matrix, gradient, height,
 ):  # fmt: skip
     """Hold returns to a patch whose offset and tilts are eliminated."""

@@ -44,7 +44,7 @@ def refined_poses(tracker: OwnMapTracker, params: ScanFilterParams) -> list[Scan
     found = refined(keyframes, before, params, marks)
     if tracker.loops_closed:
         # What was too far off to be seen as one surface may be near enough now.
-        found = refined(keyframes, _looped(tracker, before, found, marks), params, marks)
+        found = refined(keyframes, _looped(tracker, before, found, marks), params, marks, found)
         found = found._replace(T_map_odom=_looped(tracker, before, found, marks))
     return _between_keyframes(tracker, found)
 

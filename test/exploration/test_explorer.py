@@ -177,6 +177,25 @@ def test_what_was_looked_for_in_vain_is_looked_for_again_by_who_is_near():
     assert explorer.choose(explorer.survey(shown, near)).goal is None
 
 
+def test_a_ramp_that_was_looked_for_from_its_foot_is_driven_up_before_the_end():
+    """Nothing hides its upper part there, but scanners see nothing above themselves."""
+    height = room(30.0, 4.0)
+    x = (np.arange(height.shape[1]) + 0.5) * CELL
+    up = at(height, (20.0, 29.75), (0.25, 3.75))
+    height[up] = (0.2 * (x - 20.0))[up[1]]
+    height[at(height, (23.0, 29.75), (0.25, 3.75))] = np.nan
+    shown = HeightMap.from_metres(height, resolution=CELL)
+    explorer, foot, far = Explorer(Params()), Pose2D(19.5, 2.0), Pose2D(2.0, 2.0)
+    explorer.note_look(explorer.survey(shown, foot))
+    assert explorer.choose(explorer.survey(shown, far)).goal is None
+    explorer.doubt_obstacles()
+    goal = explorer.choose(explorer.survey(shown, far)).goal
+    assert goal is not None
+    assert 20.0 < goal.x < 23.0
+    explorer.note_look(explorer.survey(shown, replace(goal, yaw=0.0)))
+    assert explorer.choose(explorer.survey(shown, far)).goal is None
+
+
 def test_the_gain_is_what_a_full_turn_shows():
     height = room(10.0, 6.0)
     height[at(height, (6.0, 6.25), (2.0, 4.0))] = WALL

@@ -97,3 +97,13 @@ def test_sight_is_that_along_each_cells_own_line(seed):
     assert (surely & ~predicted).sum() <= 0.02 * surely.sum()
     outlook = sight.Outlook(scenery)
     assert outlook.gain(cell) == outlook.gain(cell) == predicted.sum()
+
+
+def test_heights_go_on_into_what_is_wanted():
+    """Each wanted cell gets that of ground over which it is reached, and not of the wall beside."""
+    height = np.array([[0.3, 9.0, 9.0, 9.0], [2.0, 9.0, 9.0, 9.0]], np.float32)
+    known = np.array([[True, False, False, False], [True, False, False, False]])
+    touched = np.array([[True, False, False, False], [False] * 4])
+    found = frontiers.wanted(known, touched, ~touched, depth=2.0, height=height)
+    np.testing.assert_array_equal(found, [[False, True, True, False], [False, True, False, False]])
+    np.testing.assert_array_equal(height, np.float32([[0.3, 0.3, 0.3, 9.0], [2.0, 0.3, 9.0, 9.0]]))

@@ -61,10 +61,11 @@ def keyframes_of(true, T_odom_base, points_of):
     ]
 
 
-def keyframe_of(number, T_odom_base, returns):
+def keyframe_of(number, T_odom_base, returns, edges=()):
     laser = se3.transform_points(T_odom_base, [[*LASER]])
     returns, origins = np.broadcast_arrays(returns.astype(np.float32), laser.astype(np.float32))
-    return Keyframe(number, 0, np.eye(4), T_odom_base, returns, origins)
+    edges = np.reshape(edges, (-1, 3)).astype(np.float32)
+    return Keyframe(number, 0, np.eye(4), T_odom_base, returns, origins, edges)
 
 
 def drive(seed, count=40, tilt=0.0):
@@ -98,6 +99,15 @@ def test_a_bent_drive_is_straightened():
     np.testing.assert_allclose(turned, 0.0, atol=1e-9)
 
 
+@pytest.mark.parametrize("count", [2, 3, 4])
+def test_a_drive_of_a_few_keyframes_is_refined(count):
+    true, keyframes, _ = drive(11, count=80)
+    unmoved = np.broadcast_to(np.eye(4), (count, 4, 4))
+    found = refined(keyframes[:count], unmoved, PARAMS, [0, count - 1])
+    assert away(found, true[:count], keyframes[:count]).max() < 0.02
+    assert np.isfinite(found.covariances).all()
+
+
 def test_roll_and_pitch_are_found():
     _, keyframes, tilts = drive(2, tilt=PARAMS.tilt_noise)
     unmoved = np.broadcast_to(np.eye(4), (len(tilts), 4, 4))
@@ -114,6 +124,23 @@ def test_a_long_drive_is_refined_in_stretches(monkeypatch):
     assert away(found, true, keyframes).max() < 0.05
     steps = np.diff(se3.to_xyz_rpy(found.T_map_odom), axis=0)
     assert np.abs(steps[:, :3]).max() < 0.02  # nothing jumps where stretches meet
+
+
+def test_stretches_that_are_not_bent_are_not_refined_again(monkeypatch):
+    """Neither as they were, nor turned and moved as a whole; one that is bent is."""
+    true, keyframes, _ = drive(3)
+    unmoved = np.broadcast_to(np.eye(4), (len(true), 4, 4))
+    marks = [0, 20, 39]
+    known = refined(keyframes, unmoved, PARAMS, marks)
+    whole = se3.from_xyz_rpy([0.5, -0.2, 0.0, 0.0, 0.0, 0.1]) @ known.T_map_odom
+    with monkeypatch.context() as context:
+        context.setattr(bundle, "_solved", None)
+        again = refined(keyframes, whole, PARAMS, marks, known)
+    np.testing.assert_allclose(again.T_map_odom, whole, atol=1e-12)
+    np.testing.assert_array_equal(again.covariances, known.covariances)
+    np.testing.assert_array_equal(again.tilts, known.tilts)
+    bent = refined(keyframes, unmoved, PARAMS, marks, known)
+    np.testing.assert_allclose(bent.T_map_odom, known.T_map_odom, atol=1e-12)
 
 
 def test_rows_that_a_level_laser_sees_on_a_slope_do_not_hold_the_robot():
@@ -157,6 +184,28 @@ def test_one_crate_that_a_level_laser_sees_tells_of_wheels_that_slip_by_a_third(
     keyframes = keyframes_of(true, odometry, points)
     found = refined(keyframes, np.broadcast_to(np.eye(4), true.shape), PARAMS)
     assert away(found, true, keyframes).max() < 0.03
+
+
+def test_along_a_corridor_the_jambs_of_a_door_tell_how_far_the_robot_came():
+    """Wheels slip by a tenth, and nothing else is seen but two smooth walls."""
+    rng, count = np.random.default_rng(10), 30
+    true = np.broadcast_to(np.eye(4), (count, 4, 4)).copy()
+    true[:, 0, 3] = np.linspace(0.0, 2.4, count)
+    odometry = true.copy()
+    odometry[:, 0, 3] *= 0.9
+    jambs = np.array([(2.0, 1.2, 0.6), (2.9, 1.2, 0.6)])
+    keyframes = []
+    for k in range(count):
+        walls = np.column_stack([rng.uniform(-4, 8, 200), rng.choice([-1.2, 1.2], 200)])
+        seen = np.column_stack([walls, np.full(200, 0.6)]) + rng.normal(0.0, 0.005, (200, 3))
+        edges = jambs + rng.normal(0.0, [0.01, 0.01, 0.0], (2, 3))
+        back = odometry[k] @ se3.inverse(true[k])
+        parts = (se3.transform_points(back, points) for points in (seen, edges))
+        keyframes.append(keyframe_of(k, odometry[k], *parts))
+    unmoved = np.broadcast_to(np.eye(4), true.shape)
+    blind = [keyframe._replace(edges=keyframe.edges[:0]) for keyframe in keyframes]
+    assert away(refined(blind, unmoved, PARAMS), true, keyframes).max() > 0.1
+    assert away(refined(keyframes, unmoved, PARAMS), true, keyframes).max() < 0.02
 
 
 def rows_ahead(true, ground, rng, noise):

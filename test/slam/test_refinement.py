@@ -30,7 +30,7 @@ def square():
         T = planar(*corner)
         graph.add(np.array([*corner, 0.0]))
         submaps.append(SimpleNamespace(T_map_submap=np.eye(4), start=T))
-        keyframes.append(Keyframe(2 * number, number, np.eye(4), T, nothing, nothing))
+        keyframes.append(Keyframe(2 * number, number, np.eye(4), T, *3 * [nothing]))
         for k, pose in enumerate((T, T @ planar(2.0, 0.0, 0.0))):
             stamp = 10 * number + k
             placed.append(Placed(stamp, pose, np.eye(4), number, np.eye(4), np.zeros((3, 3)), True))
