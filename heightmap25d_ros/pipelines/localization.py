@@ -76,15 +76,16 @@ def compile_kernels(params: Params) -> None:
 
 
 def _compile_own_map(params: Params) -> None:
-    """A metre of a drive towards a wall."""
+    """A metre of a drive towards a wall, at first with a level laser alone."""
     own = OwnMapTracker(params, is_recording=False)
     y = np.linspace(-2.0, 2.0, 400)
     wall = np.column_stack([np.full(400, 4.0), y, np.full(400, 0.4)])
     ground = np.column_stack([np.tile([1.5, 2.0], 200), y, np.zeros(400)])
-    ends, is_lone = np.concatenate([wall, ground]), np.zeros(800, bool)
     for step in range(11):
         T = se3.from_xyz_rpy([0.1 * step, 0.0, 0.0, 0.0, 0.0, 0.0])
+        ends = wall if step < 3 else np.concatenate([wall, ground])
         origins = np.repeat(T[None, :3, 3] + (0.0, 0.0, 0.4), len(ends), axis=0)
+        is_lone = np.zeros(len(ends), bool)
         beams = sensor_model.Beams(origins=origins, ends=ends, is_hit=~is_lone, is_lone=is_lone)
         own.integrate(beams, T, step * 10**8)
 

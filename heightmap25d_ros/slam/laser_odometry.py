@@ -27,8 +27,9 @@ from heightmap25d_ros.mapping.sensor_model import Beams
 
 _POINTS = 360  # of a scan that are matched at most
 _LEAST_POINTS = 20
-_LEAST_MOTION = 0.03  # [m] and half a radian for each, between two scans that are matched
-_KEPT_MOTION = 0.1  # likewise, between two that others are matched with
+_RADIAN = 0.5  # [m] of distance that a radian of turning counts as
+_LEAST_MOTION = 0.03  # [m] between two scans that are matched
+_KEPT_MOTION = 0.1  # [m] between two that others are matched with
 _MOST_TILT = 0.035  # [rad] of a robot whose lasers look along the floor
 _LEAST_GAP, _GAP = 0.2, 0.1  # [m], and of the range, between two returns of one surface
 _CELL = 0.05  # [m]
@@ -65,12 +66,14 @@ class LaserOdometry:
     ----------
     T_odom_wheels : (4, 4) float64
         Where the frame of the wheels' odometry is in that of this one.
+    is_level : bool
+        Whether no laser has seen the ground so far.
     """
 
     def __init__(self, memory: float) -> None:
         self.T_odom_wheels = np.eye(4)
         self._memory = memory
-        self._is_level = True
+        self.is_level = True
         self._matched: se3.Matrix = np.eye(4)  # T_wheels_base of the last scan that was matched
         self._kept: se3.Matrix = np.eye(4)  # T_odom_base of the newest one of these:
         self._scans: deque[_Scan] = deque()
@@ -87,11 +90,9 @@ class LaserOdometry:
         Beams
             The same in the frame of this odometry.
         """
-        self._is_level = self._is_level and not see_ground(beams)
-        returns = beams.ends[beams.is_hit & ~beams.is_lone]
-        is_upright = T_wheels_base[2, 2] > np.cos(_MOST_TILT)
-        if self._is_level and is_upright and len(returns):
-            self._take(returns, T_wheels_base)
+        self.is_level = self.is_level and not see_ground(beams)
+        if self.is_level and T_wheels_base[2, 2] > np.cos(_MOST_TILT):
+            self._take(beams.ends[beams.is_hit & ~beams.is_lone], T_wheels_base)
         is_same = np.array_equal(self.T_odom_wheels, np.eye(4))
         return beams if is_same else beams.moved(self.T_odom_wheels)
 
@@ -103,7 +104,7 @@ class LaserOdometry:
         seen = np.column_stack([seen, np.zeros(len(seen))])
         if self._scans:
             shift, turn = _motion(self._matched, T_wheels_base)
-            if shift + 0.5 * turn < _LEAST_MOTION:
+            if _weighed(shift, turn) < _LEAST_MOTION:
                 return
             self._match(seen, T_wheels_base, shift, turn)
         self._matched = T_wheels_base
@@ -125,18 +126,20 @@ class LaserOdometry:
         """Remember places (N, 2) [m, odom] that were seen, if the robot has moved on."""
         T_odom_base = self.T_odom_wheels @ T_wheels_base
         if self._scans:
-            shift, turn = _motion(self._kept, T_odom_base)
-            if shift + 0.5 * turn < _KEPT_MOTION:
+            moved = _weighed(*_motion(self._kept, T_odom_base))
+            if moved < _KEPT_MOTION:
                 return
-            self._distance += shift
+            self._distance += moved
         self._kept = T_odom_base
         self._scans.append(_Scan(seen, self._distance))
         middle = T_odom_base[:2, 3]
         away = np.abs(middle - self._corner - _HALF).max()
-        if len(self._scans) > 1 and away < _MARGIN:
-            _add(self._near, seen - self._corner)
-        else:
+        oldest = self._scans[0].distance
+        is_old = self._distance - oldest > 2.0 * self._memory
+        if len(self._scans) == 1 or away > _MARGIN or is_old:
             self._recentre(middle)
+        else:
+            _add(self._near, seen - self._corner)
 
     def _recentre(self, middle: Array) -> None:
         """Remember the square around a place (2,), and the last metres only."""
@@ -151,6 +154,11 @@ class LaserOdometry:
         """The wheels' odometry has jumped: its frame is at another pose (4, 4) from now on."""
         self._matched = se3.inverse(T_odom_wheels) @ self.T_odom_wheels @ self._matched
         self.T_odom_wheels = T_odom_wheels
+
+
+def _weighed(shift: float, turn: float) -> float:
+    """A motion [m], [rad] as one distance [m]."""
+    return shift + _RADIAN * turn
 
 
 def _surfaces(returns: Array, middle: Array) -> Array:

@@ -39,6 +39,7 @@ _QUERY_REACH = 12.0  # [m] from the robot, of its surroundings
 _LEAST_AGREEING = 0.75  # share of the returns over known places that must agree with these
 _MOST_RESIDUAL = 0.04  # [m] mean distance from walls and ground, of at most 0.1 m each
 _NEAR = np.square([0.1, 0.1, 0.03, 0.1])  # variances about a pose that was found
+_AROUND = np.square([0.5, 0.5, 0.1, 0.5])  # what is known without what returns tell
 _FLOOR = np.diag(np.square([0.02, 0.02, 0.005, 0.02]))  # of a loop: submaps are not quite rigid
 _CONTRADICTION = 40.0  # cells of walls that agree, for each that stands where nothing was
 _LEAST_KNOWN = 0.5  # share of the returns near known places of which the map must tell something
@@ -213,7 +214,7 @@ def _place(query: Query, coarse: se3.Matrix, older: RegisteredMap, params: Param
     )  # fmt: skip
     x, y, yaw, z = (float(error) for error in update.error[:4])
     drift = se3.correction_about(T_map_base, (x, y, z), yaw) @ coarse
-    observed = update.information + np.diag(1.0 / _NEAR)
+    observed = update.information + np.diag(1.0 / _AROUND)
     covariance = np.asarray(np.linalg.inv(observed)) + _FLOOR
     found = agreement(drift, older, query.surroundings, params)
     score = found.agreeing - _CONTRADICTION * found.contradicted

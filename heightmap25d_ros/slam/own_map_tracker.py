@@ -215,6 +215,11 @@ class OwnMapTracker:
         return np.asarray(begun + self._drift.covariance[:3, :3] + _START)
 
     @property
+    def is_level(self) -> bool:
+        """Whether no laser has seen the ground so far."""
+        return self._laser.is_level
+
+    @property
     def T_map_wheels(self) -> se3.Matrix:
         """Pose (4, 4) in the map of the frame of the odometry that comes with the scans."""
         return np.asarray(self.estimate.T_map_odom @ self._laser.T_odom_wheels)

@@ -27,6 +27,9 @@ _LEAST_EDGE = np.diag(np.square([0.005, 0.005, 0.001, 0.002]))  # covariance of 
 def refined_poses(tracker: OwnMapTracker, params: ScanFilterParams) -> list[ScanPose]:
     """Where each scan of a drive that is finished was taken.
 
+    Of level lasers alone that is where localization on the own map has found it: each scan is held
+    against the last metres as a whole already, and there are no tilts to be found.
+
     Parameters
     ----------
     tracker : OwnMapTracker
@@ -34,7 +37,7 @@ def refined_poses(tracker: OwnMapTracker, params: ScanFilterParams) -> list[Scan
     params : ScanFilterParams
     """
     keyframes = tracker.keyframes
-    if len(keyframes) < 2:
+    if len(keyframes) < 2 or tracker.is_level:
         return tracker.poses()
     before = np.array([
         tracker.submaps[keyframe.submap].T_map_submap @ keyframe.T_submap_odom

@@ -129,9 +129,15 @@ def test_odometry_that_jumps_goes_on_where_the_robot_was():
     assert_near(odometry.T_odom_wheels @ told, (0.2, 0.0, 0.0))
 
 
-def test_a_long_way_is_remembered_no_farther_than_asked():
+@pytest.mark.parametrize(("step", "turn"), [(0.2, 0.0), (0.0, 0.4), (0.1, 0.2)])
+def test_memory_does_not_grow(step, turn):
     odometry = LaserOdometry(memory=5.0)
-    for k in range(300):
-        told = planar(0.1 * k, 0.0, 0.0)
-        odometry.correct(scan(CORRIDOR, (0.1 * k, 0.0, 0.0), told), told)
-    assert len(odometry._scans) < 5.0 / 0.1 + 12.0 / 0.1 + 10
+    kept = []
+    true = np.zeros(3)
+    for _ in range(300):
+        told = planar(*true)
+        odometry.correct(scan(CORRIDOR, true, told), told)
+        kept.append(len(odometry._scans))
+        true = true + (step * np.cos(true[2]), 0.1 * step * np.sin(true[2]), turn)
+    assert kept[-1] > 20
+    assert max(kept) <= 2.0 * 5.0 / 0.1 + 2

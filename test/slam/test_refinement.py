@@ -39,6 +39,7 @@ def square():
     graph.join(Edge(0, 4, np.zeros(4), 1e6 * np.eye(4), is_loop=True))
     return SimpleNamespace(
         graph=graph, submaps=submaps, keyframes=keyframes, placed=placed, loops_closed=1,
+        is_level=False,
         poses=lambda: [refinement.ScanPose(p.stamp_ns, np.eye(4), True) for p in placed],
     )  # fmt: skip
 
@@ -94,3 +95,13 @@ def test_where_the_bundle_moves_the_robot_far_is_told(monkeypatch):
     )
     tracker, poses = refined(monkeypatch, moved)
     assert 4.0 <= refinement.disagreed(tracker, poses) <= 10.0
+
+
+def test_of_level_lasers_alone_poses_stay_as_localization_has_found_them(monkeypatch):
+    monkeypatch.setattr(refinement, "refined", lambda *_: pytest.fail("nothing is to be refined"))
+    tracker = square()
+    tracker.is_level = True
+    found = refinement.refined_poses(tracker, Params().scan_filter)
+    np.testing.assert_array_equal(
+        [pose.T_map_odom for pose in found], np.eye(4)[None].repeat(10, 0)
+    )
