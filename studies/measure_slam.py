@@ -7,7 +7,7 @@ Usage: python studies/measure_slam.py [--bags DIR] [--logs BAG ...] [--only SECT
 
 Sections: `laps`; `drift`, the same with three times the drift, or with wheels that slip by 15 %;
 `laps_merged`, three laps, weaving differently, in one map; `court`, a long loop; `twins`, searches
-for loops where one place looks like another; `logs`.
+for loops where one place looks like another; `logs`; `peers`, KISS-ICP on laps and logs.
 
 With --bags, recordings that are in DIR/WORLD_SEED_DRIVE are taken and the others made there;
 without, all are made anew and thrown away. Markdown to the terminal. --logs are recordings of level
@@ -28,6 +28,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+import slam_peers
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.evaluation import map_error, truth
@@ -70,6 +71,7 @@ WRONG = 1.0
 """Error of a loop [m] that is another place."""
 
 Poses = tuple[np.ndarray, se3.Matrix]
+Told = Sequence[tuple[int, se3.Matrix]]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,7 +88,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--bags", type=Path, metavar="DIR", help="where recordings are, or go to")
     parser.add_argument("--logs", nargs="+", type=Path, metavar="BAG", default=(), help="real ones")
-    sections = ("laps", "drift", "laps_merged", "court", "twins", "logs")
+    sections = ("laps", "drift", "laps_merged", "court", "twins", "logs", "peers")
     parser.add_argument("--worlds", nargs="+", default=WORLDS, help="of laps")
     parser.add_argument("--seeds", nargs="+", type=int, default=(*TUNED, *UNTUNED), help="of laps")
     parser.add_argument("--only", nargs="+", choices=sections, default=sections)
@@ -100,6 +102,7 @@ def main() -> None:
             "court": laps(bags, ("court",), options.seeds),
             "twins": wrong_loops(bags, options.seeds),
             "logs": logs(options.logs),
+            "peers": peers(bags, options.worlds, options.seeds, options.logs),
         }
         for section in options.only:
             for line in tables[section]:
@@ -278,12 +281,42 @@ def logs(paths: Sequence[Path]) -> Iterator[str]:
         )
 
 
+def peers(
+    bags: Path, worlds: Sequence[str], seeds: Sequence[int], paths: Sequence[Path]
+) -> Iterator[str]:
+    """KISS-ICP beside odometry; what comes of ours is in the other sections."""
+    yield "\n| drive | method | ATE | aligned | largest, aligned | CPU s per s |"
+    yield "|---|---|---|---|---|---|"
+    drives = [(recorded(bags, world, seed), PARAMS) for world in worlds for seed in seeds]
+    for path, params in [*drives, *((path, LEVEL) for path in paths)]:
+        with Bag(path) as bag:
+            true, found, duration = (
+                true_poses(bag),
+                list(slam_peers.frames(bag, params)),
+                bag.duration,
+            )
+        yield peer(path.name, "odometry", [(f.stamp_ns, f.odometry) for f in found], true, 0.0)
+        for is_guided, name in ((False, "KISS-ICP"), (True, "KISS-ICP, guided by odometry")):
+            began = time.process_time()
+            told = slam_peers.kiss_icp(found, is_guided=is_guided)
+            seconds = time.process_time() - began
+            yield peer(path.name, name, told, true, seconds / duration)
+
+
+def peer(label: str, name: str, told: Told, true: Poses, load: float) -> str:
+    error = error_of(told, true)
+    return (
+        f"| `{label}` | {name} | {error.rmse:.3f} m | {error.aligned:.3f} m "
+        f"| {error.aligned_max:.2f} m | {load:.2f} |"
+    )
+
+
 def true_poses(bag: Bag) -> Poses:
     poses = [decode.odometry(event.message) for event in bag.events(["/ground_truth"])]
     return np.array([p.stamp_ns for p in poses]), np.array([p.T for p in poses])
 
 
-def error_of(trajectory: Sequence[tuple[int, se3.Matrix]], true: Poses) -> Error:
+def error_of(trajectory: Told, true: Poses) -> Error:
     """Of positions at stamps that both have, before and after alignment in the plane."""
     stamps = np.array([stamp for stamp, _ in trajectory])
     is_known = (stamps >= true[0][0]) & (stamps <= true[0][-1])

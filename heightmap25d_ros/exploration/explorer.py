@@ -121,22 +121,19 @@ class Explorer:
         return self._best(_with_slices(opened), OPENING * least)
 
     def _opened(self, survey: Survey) -> list[Survey]:
-        """What opens ways; while obstacles are doubted with these, and with what is high: near."""
-        parts = [part for part in survey.slices if not part.is_beyond_edges]
-        if not self._surveyor.is_doubting:
-            return [part.restricted(part.fresh & self._openings(part)) for part in parts]
-        missed = self._looks.from_below(survey.geometry)
-        return [
-            part.restricted(
-                (part.fresh | ~part.certain | missed) & self._openings(part)
-            ).seen_from_near()
-            for part in parts
-        ]
+        """What opens ways; obstacles that are doubted have to be seen from near."""
+        return [self._opened_in(part) for part in survey.slices if not part.is_beyond_edges]
+
+    def _opened_in(self, survey: Survey) -> Survey:
+        doubted = survey.scenery.wanted & ~survey.certain
+        opened = survey.restricted((survey.fresh | doubted) & self._openings(survey))
+        return opened.seen_from_near() if doubted.any() else opened
 
     def doubt_obstacles(self) -> bool:
-        """Count obstacles that may be noise, and what is beyond edges, as unknown from now on.
+        """Look from now on, from near, for what else may be unknown; whether that is new.
 
-        Whether that is new.
+        That is low obstacles that may be noise, what is beyond edges, and what was looked for in
+        vain from below.
         """
         is_new, self._surveyor.is_doubting = not self._surveyor.is_doubting, True
         return is_new

@@ -20,7 +20,7 @@ from heightmap25d_ros.exploration import sight
 from heightmap25d_ros.exploration.survey import LEVEL, NEAR_LOOK, Survey
 from heightmap25d_ros.grid.height_map import Geometry
 
-_RISE = 0.25
+RISE = 0.4
 """So much higher than the ground before it unknown ground may be [m]."""
 
 _BESIDE = 2.0
@@ -53,14 +53,19 @@ class Looks:
                 continue
             at = tuple(missed.T)
             away = np.hypot(*(missed - cell).T) * survey.geometry.resolution
+            is_first = before[at] == 0
             self._count[at] = before[at] + np.where(away < NEAR_LOOK, 2, 1).astype(np.int16)
             self._height[at] = height[at]
             eye = height[cell] + one.scenery.sensor_height
-            is_higher = _ground_before(one, missed) > eye - _RISE
-            self._is_from_below[at] = is_higher & ((before[at] == 0) | self._is_from_below[at])
+            is_near = one.scenery.reach * survey.geometry.resolution <= NEAR_LOOK
+            is_excused = (_ground_before(one, missed) > eye - RISE) & (not is_near)
+            self._is_from_below[at] = is_excused & (is_first | self._is_from_below[at])
 
     def from_below(self, geometry: Geometry) -> NDArray[np.bool_]:
-        """(rows, columns): what was looked for in vain only from below."""
+        """(rows, columns): what was looked for in vain only from below.
+
+        And only from afar: it is looked for from near once more.
+        """
         self.of(geometry)
         return self._is_from_below
 

@@ -12,7 +12,7 @@ from scipy import ndimage
 
 from heightmap25d_ros.exploration import frontiers
 from heightmap25d_ros.exploration.doubtful_obstacles import doubtful
-from heightmap25d_ros.exploration.looks import Looks
+from heightmap25d_ros.exploration.looks import RISE, Looks
 from heightmap25d_ros.exploration.sight import Scenery
 from heightmap25d_ros.exploration.survey import LEVEL, Survey
 from heightmap25d_ros.exploration.travel_costs import travel_costs, travel_costs_over_levels
@@ -44,7 +44,7 @@ class Surveyor:
     ----------
     is_doubting : bool
         Whether obstacles that may be noise are as good as unknown, on maps of one level; and what
-        is beyond drops, where a deck may go on.
+        is beyond edges, and what was looked for in vain from below.
     """
 
     def __init__(self, params: Params, boundary: Boundary, looks: Looks) -> None:
@@ -72,7 +72,8 @@ class Surveyor:
             return survey
         doubted = self._in_doubt(survey, height_map)
         no_decks = np.zeros(height_map.geometry.shape, np.bool_)
-        return _with_others([doubted, *self._beyond_edges(survey, [doubted], no_decks)])
+        beyond = self._beyond_edges(survey, [doubted], no_decks)
+        return _with_others([doubted, *beyond, *self._missed_from_below(survey)])
 
     def _in_doubt(self, survey: Survey, height_map: HeightMap) -> Survey:
         """The same, with what lies behind ground that the robot might come to after all.
@@ -125,7 +126,31 @@ class Surveyor:
             surveys.append(replace(_without_those(survey, surveys), counted=counted))
         for number, survey in zip(order, surveys.copy(), strict=True):
             surveys += self._beyond_edges(survey, surveys, decks(levels.layers[number]))
+            surveys += self._missed_from_below(survey)
         return _with_others(surveys)
+
+    def _missed_from_below(self, survey: Survey) -> list[Survey]:
+        """What was looked for in vain only from below, for those who are high enough to see it.
+
+        While obstacles are doubted.
+        """
+        is_from_below = self._looks.from_below(survey.geometry)
+        if not (self.is_doubting and is_from_below.any()):
+            return []
+        geometry, scenery = survey.geometry, survey.scenery
+        looks = np.where(is_from_below, np.int16(0), self._looks.of(geometry))
+        touched = self._touched(scenery.known, survey.occupied, survey.costs, geometry)
+        height, allowed = scenery.height.copy(), self.inside(geometry) & (looks == 0)
+        depth = self._params.exploration.frontier_depth / geometry.resolution
+        wanted = frontiers.wanted(scenery.known, touched, allowed, depth, height) & ~survey.fresh
+        rise = _at_nearest(wanted, height) - scenery.height
+        is_seen = rise <= scenery.sensor_height - RISE
+        offered = replace(
+            survey,
+            costs=np.where(is_seen, survey.costs, np.inf),
+            scenery=replace(scenery, height=height, wanted=wanted),
+        )
+        return [_besides(offered)] if wanted.any() else []
 
     def _beyond_edges(self, survey: Survey, before: list[Survey], decks: Mask) -> list[Survey]:
         """What a slice offers at edges of its decks, besides surveys before.
@@ -164,17 +189,15 @@ class Surveyor:
         frontiers.wanted(known, found.ground, allowed, depth, height)
         looks = self._looks.of(geometry, height)
         wanted, _ = self._wanted(known, found.ground, allowed, looks, geometry)
-        is_level = _are_level(before.height, found.ground, self._params.levels.clear_height)
-        return replace(
+        rise = np.abs(before.height - _at_nearest(found.ground, before.height))
+        is_level = rise < self._params.levels.clear_height
+        offered = replace(
             survey,
             costs=np.where(is_level, survey.costs, np.inf),
             scenery=replace(before, height=height, known=known, wanted=wanted),
             occupied=survey.occupied & ~found.ground & ~found.beyond,
-            counted=np.zeros(known.shape, np.bool_),
-            fresh=wanted,
-            certain=wanted,
-            is_beyond_edges=True,
-        ).seen_from_near()
+        )
+        return replace(_besides(offered), is_beyond_edges=True)
 
     def _offered(
         self,
@@ -256,10 +279,19 @@ def _without_those(survey: Survey, before: list[Survey]) -> Survey:
     return survey.restricted(free)
 
 
-def _are_level(height: NDArray[np.float32], ground: Mask, clear_height: float) -> Mask:
-    """(rows, columns): the cells that are on the level of the ground that is nearest to them."""
-    nearest = ndimage.distance_transform_edt(~ground, return_distances=False, return_indices=True)
-    return np.asarray(np.abs(height - height[tuple(nearest)]) < clear_height)
+def _at_nearest(cells: Mask, height: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(rows, columns) [m]: the height of that one of some cells that is nearest to each cell."""
+    nearest = ndimage.distance_transform_edt(~cells, return_distances=False, return_indices=True)
+    return np.asarray(height[tuple(nearest)])
+
+
+def _besides(survey: Survey) -> Survey:
+    """A survey that holds only what is wanted besides what a slice offers, to be seen from near.
+
+    What was missed from afar counts all the same.
+    """
+    wanted, nothing = survey.scenery.wanted, np.zeros(survey.geometry.shape, np.bool_)
+    return replace(survey, counted=nothing, fresh=wanted, certain=wanted).seen_from_near()
 
 
 def _with_others(surveys: list[Survey]) -> Survey:
