@@ -34,7 +34,7 @@ _SPARSE = 3  # of so many keyframes one is refined first, which costs a tenth
 _WIDE, _NEAR, _NARROW = 1.0, 0.12, 0.04  # [m] tolerance from a patch: first, of all keyframes, last
 _NARROWING = 0.5, 0.9  # at least and at most, from one step to the next; between these the
 _FOLLOWS = 5.0  # tolerance is so many times as long as the last step: soon narrow if little moves
-_SPARSE_STEPS, _STEPS = 8, 5  # with the last tolerance at most
+_STEPS = 20  # with the last tolerance at most; long corridors take most of them
 _CONVERGED = 3e-3  # [m] by which the last step bends the drive
 _SETTLED = 0.1  # [m] by which a stretch is bent that need not be refined again
 _FIRST_SLIP = 0.2  # standard deviation per distance, until it is known how much wheels have slipped
@@ -146,10 +146,10 @@ def _solved(
 ) -> Refined:
     """Refine a stretch, with covariances for pairs (P, 2) of its keyframes."""
     some = _Stretch(keyframes[::_SPARSE], T_map_odom[::_SPARSE], params)
-    some.solve(_WIDE, _NEAR, _SPARSE_STEPS)
+    some.solve(_WIDE, _NEAR)
     moved = some.T_map_odom()[np.arange(len(keyframes)) // _SPARSE]  # others as the one before
     stretch = _Stretch(keyframes, moved, params)
-    stretch.solve(_NEAR, _NARROW, _STEPS)
+    stretch.solve(_NEAR, _NARROW)
     return Refined(stretch.T_map_odom(), stretch.tilts(), stretch.covariances(pairs))
 
 
@@ -234,10 +234,10 @@ class _Stretch:
         self._errors = np.zeros((len(keyframes), STATES))
         self._constants = np.zeros(STATES)
 
-    def solve(self, tolerance: float, last: float, count: int) -> None:
+    def solve(self, tolerance: float, last: float) -> None:
         """Take steps with a tolerance that narrows, and with the last one until they are short."""
         steps = 0
-        while steps < count:
+        while steps < _STEPS:
             moved = _bend(self._step(tolerance)[:, :2], self._T_map_base[:, :2, 3])
             if tolerance == last:
                 steps += 1
