@@ -43,6 +43,7 @@ from heightmap25d_ros.pipelines.transform_buffer import JUMP_BACK_NS
 from heightmap25d_ros.slam.own_map_localization import OwnMapLocalization
 from heightmap25d_ros.slam.own_map_tracker import OwnMapTracker
 from heightmap25d_ros.slam.saved_map import SavedMap
+from heightmap25d_ros.terrain import slices
 
 _LEAST_COVARIANCE = np.diag(np.square([0.01, 0.01, 0.001]))  # nobody is surer of a pose
 
@@ -63,7 +64,9 @@ def compile_kernels(params: Params) -> None:
     global_search.compile_kernels(params.registration)
     scan_update.compile_kernels(params.scan_filter)
     scan_search.compile_kernels()
+    slices.compile_kernels()
     se3.from_xyz_rpy(se3.to_xyz_rpy(se3.inverse(np.eye(4))))  # for a pose that is given
+    se3.to_quaternion(np.eye(4))  # of transforms that are published
     if params.localization.own_map:
         _compile_own_map(params)
     scratch = ShortTermMaps(params)

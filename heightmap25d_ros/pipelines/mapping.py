@@ -39,6 +39,7 @@ from heightmap25d_ros.pipelines.silence import LOCALIZATION, Silence
 from heightmap25d_ros.pipelines.submap_poses import SubmapPoses
 from heightmap25d_ros.slam import moved_parts
 from heightmap25d_ros.slam.moved_parts import CellParts, PartedMap, moved
+from heightmap25d_ros.terrain import slices
 from heightmap25d_ros.terrain.explanation import Explanation, Waiting, explain, surroundings
 from heightmap25d_ros.terrain.obstacle_grid import ObstacleGrid, covering
 from heightmap25d_ros.terrain.shown_level import ShownLevel
@@ -70,7 +71,9 @@ def compile_kernels(params: Params) -> None:
     scratch = Mapping(replace(params, grid=replace(params.grid, extent=_SCRATCH_EXTENT)))
     scratch.merge(scan_queue.sample_reading())
     scratch.maps()
+    slices.compile_kernels()
     moved_parts.compile_kernels()
+    se3.to_quaternion(np.eye(4))  # of transforms that are published
 
 
 _BYTES_OF_CELL = 4  # height and probability

@@ -46,6 +46,7 @@ from heightmap25d_ros.planning.start_clearing import (
     clear_start,
 )
 from heightmap25d_ros.planning.surface_poses import interpolated, on_surface
+from heightmap25d_ros.terrain import slices
 
 _ATTEMPTS = 40
 """Number of paths that are tried until the rectangle fits along one."""
@@ -325,6 +326,7 @@ def within_time(search: Callable[[float], Plan], timeout: float) -> Plan:
 @cache
 def compile_kernels() -> None:
     """Compile, or load from numba's cache, all that a plan needs."""
+    slices.compile_kernels()
     heights = np.zeros((32, 32))
     heights[10, :16] = 1.0  # a wall, with its near side under the robot at the second start
     planner = Planner.from_height_map(HeightMap.from_metres(heights))

@@ -31,7 +31,7 @@ from heightmap25d_ros.grid.height_map import (
     Geometry,
     HeightMap,
 )
-from heightmap25d_ros.grid.levels import NO_UPPER, SAME_HEIGHT
+from heightmap25d_ros.grid.levels import NO_UPPER, SAME_HEIGHT, UpperSurfaces
 from heightmap25d_ros.kernels import kernel
 from heightmap25d_ros.params.sections import LevelsParams, TraversabilityParams
 from heightmap25d_ros.terrain.gap_filling import closed
@@ -142,7 +142,7 @@ class SurfaceStack:
         """
         is_deck = (self.top[1:] != UNOBSERVED).any(axis=0)
         is_hole = closed(is_deck, self._reach) & ~is_deck & (self.top[0] != UNOBSERVED)
-        holes = np.argwhere(is_hole)
+        holes = _cells(is_hole)
         hangs = _hanging(self.top, holes, self._reach - 1, self._max_step, self._clear)
         y, x = holes[hangs].T
         for array in (self.top, self._probability):
@@ -268,7 +268,7 @@ class SurfaceStack:
         """
         result = layer.copy()
         for around, own in ((layer > 0, layer == 0), (layer == 0, layer > 0)):
-            cells = np.argwhere(closed(around, self._reach) & own)
+            cells = _cells(closed(around, self._reach) & own)
             others = _of_other_level(self.top, layer, cells, self._reach - 1, self._clear)
             result[tuple(cells[others].T)] = _NONE
         return result
@@ -324,6 +324,11 @@ def _nearest(
     cost = np.where(tops != UNOBSERVED, away + _Z_WEIGHT * off, np.inf)
     layer, row, column = np.unravel_index(cost.argmin(), cost.shape)
     return int(layer), int(row), int(column)
+
+
+def _cells(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """(N, 2): row and column; row by row in memory however many, so that one kernel serves all."""
+    return np.ascontiguousarray(np.argwhere(mask))
 
 
 @kernel
@@ -470,3 +475,11 @@ def _flood(top, bottom, state, max_step, clear, queue):
                 best = done
         done += 1
     return count, best
+
+
+def compile_kernels() -> None:
+    """Compile, or load from numba's cache, what maps with several levels need."""
+    around = [(iy, ix) for iy in range(9) for ix in range(9) if (iy, ix) != (4, 4)]
+    deck = UpperSurfaces.of(around, top=[240] * len(around), bottom=[210] * len(around))
+    ground = HeightMap.from_metres(np.zeros((9, 9)))
+    SurfaceStack(replace(ground, upper=deck)).slices(least_cells=1)

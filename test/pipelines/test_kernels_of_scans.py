@@ -5,6 +5,7 @@
 import subprocess
 import sys
 
+import pytest
 from repository import ROOT
 
 from heightmap25d_ros import cli
@@ -24,16 +25,20 @@ def compiled():
     return {(k.__module__, k.py_func.__qualname__): len(k.signatures) for k in kernels}
 """
 OF_MAPPING = """
+import numpy as np
+from heightmap25d_ros import se3
 from heightmap25d_ros.pipelines.mapping import Mapping, compile_kernels
 with Bag(sys.argv[1]) as bag:
     params = with_sources(Params(), [bag])
     compile_kernels(params)
     before = compiled()
     mapping = Mapping(params)
-    for step in islice(replayed(bag, mapping, "/odom"), 300):
+    for step in islice(replayed(bag, mapping, "/odom"), 1500):
         pass
     mapping.maps()
-assert mapping.merged["scans"] > 100
+mapping.upper(mapping.area())
+se3.to_quaternion(np.eye(4))
+assert mapping.merged["scans"] > 100, mapping.merged
 assert compiled() == before, set(compiled().items()) - set(before.items())
 """
 # A pose that is 1 m off, so that scans contradict the map.
@@ -76,8 +81,10 @@ def run(script, *arguments):
     subprocess.run([sys.executable, "-c", COMPILED + script, *arguments], check=True)
 
 
-def test_no_scan_compiles_a_kernel_of_mapping():
-    run(OF_MAPPING, BAG)
+@pytest.mark.parametrize("bag", ["ramp", "garage_1"])
+def test_no_scan_compiles_a_kernel_of_mapping(bag):
+    """Whether of one level or of several."""
+    run(OF_MAPPING, BAG.parent / bag)
 
 
 def test_no_scan_compiles_a_kernel_of_localization(tmp_path):
