@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from heightmap25d_ros.arrays import Array
+from heightmap25d_ros.arrays import Array, cells_of_mask
 from heightmap25d_ros.kernels import inlined_kernel, kernel
 
 _HALF = 2  # [cells] on each side of the middle one
@@ -38,7 +38,7 @@ def fit_planes(
         Height at the middle of the cell [m], slope along x and along y, rms of the cells about
         the plane [m], variance of each of the slopes.
     """
-    cells = np.ascontiguousarray(np.argwhere(is_ground))  # one layout, one compiled kernel
+    cells = cells_of_mask(is_ground)
     planes = np.full((len(cells), 5), np.nan)
     _fit(cells, heights, is_ground, resolution, planes)
     is_found = ~np.isnan(planes[:, 0])

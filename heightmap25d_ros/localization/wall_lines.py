@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from heightmap25d_ros.arrays import Array
+from heightmap25d_ros.arrays import Array, cells_of_mask
 from heightmap25d_ros.kernels import inlined_kernel, kernel
 
 _BAND = 0.03  # [m] to either side of a line, in which its inliers are
@@ -77,7 +77,7 @@ def fit_lines(
     lines : (K, 5) float64
         As the first five of `Line`; all NaN for a cell that is on no line.
     """
-    cells = np.ascontiguousarray(np.argwhere(counts > 0))  # one layout, one compiled kernel
+    cells = cells_of_mask(counts > 0)
     lines = np.full((len(cells), 5), np.nan)
     for radius, share in _WINDOWS:
         _fit_long(cells, places, counts, resolution, radius, share, lines)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heightmap25d_ros import se3
-from heightmap25d_ros.arrays import Array
+from heightmap25d_ros.arrays import Array, cells_of_mask
 from heightmap25d_ros.grid.height_grid import HeightGrid, anchor_at
 from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, Area, Geometry, HeightMap
 from heightmap25d_ros.kernels import inlined_kernel, kernel
@@ -58,8 +58,7 @@ def cells_of(height_map: HeightMap, layers: LayerMap) -> SubmapCells:
     is_ground = stacked[:, NAMES.index("ground_count")] > 0
     level = np.float32(height_map.geometry.ground_zero)
     stacked[:, NAMES.index("ground_height")] -= np.where(is_ground, level, 0)
-    places = np.ascontiguousarray(np.argwhere(is_seen))  # one layout, one compiled kernel
-    return SubmapCells(places, stacked, top[is_seen])
+    return SubmapCells(cells_of_mask(is_seen), stacked, top[is_seen])
 
 
 class RigidCells(Protocol):

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from heightmap25d_ros.arrays import cells_of_mask
 from heightmap25d_ros.grid.height_map import (
     HEIGHT_RESOLUTION,
     SUSPECTED,
@@ -142,7 +143,7 @@ class SurfaceStack:
         """
         is_deck = (self.top[1:] != UNOBSERVED).any(axis=0)
         is_hole = closed(is_deck, self._reach) & ~is_deck & (self.top[0] != UNOBSERVED)
-        holes = _cells(is_hole)
+        holes = cells_of_mask(is_hole)
         hangs = _hanging(self.top, holes, self._reach - 1, self._max_step, self._clear)
         y, x = holes[hangs].T
         for array in (self.top, self._probability):
@@ -268,7 +269,7 @@ class SurfaceStack:
         """
         result = layer.copy()
         for around, own in ((layer > 0, layer == 0), (layer == 0, layer > 0)):
-            cells = _cells(closed(around, self._reach) & own)
+            cells = cells_of_mask(closed(around, self._reach) & own)
             others = _of_other_level(self.top, layer, cells, self._reach - 1, self._clear)
             result[tuple(cells[others].T)] = _NONE
         return result
@@ -324,11 +325,6 @@ def _nearest(
     cost = np.where(tops != UNOBSERVED, away + _Z_WEIGHT * off, np.inf)
     layer, row, column = np.unravel_index(cost.argmin(), cost.shape)
     return int(layer), int(row), int(column)
-
-
-def _cells(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """(N, 2): row and column; row by row in memory however many, so that one kernel serves all."""
-    return np.ascontiguousarray(np.argwhere(mask))
 
 
 @kernel
