@@ -256,6 +256,10 @@ class ScanFilter:
         self._turn_variance = float(np.clip(self._turn_variance, least, _MOST_TURN_NOISE**2))
         self._turned = 0.0
 
+    def learn_heading_bias(self, bias: float) -> None:
+        """Take what others have found of the turn of the heading per distance [rad/m]."""
+        self._mean[_BIAS - _SLIP] = bias
+
     def settle(self, returns: Array, T_odom_base: se3.Matrix, landmarks: Landmarks) -> None:
         """Follow the map near the pose, which stays as uncertain as it is: it may be elsewhere."""
         found, _ = self._look_near(returns, T_odom_base, landmarks)

@@ -120,7 +120,7 @@ class Mapping(SensorIntake[Reading]):
         self._is_lost = self._is_localized = False
         self._silence = Silence([LOCALIZATION], params.intake.timeout)
         self._layers: LocalizationLayers | None = None
-        self._submaps = SubmapPoses()
+        self._submaps = SubmapPoses(self._params.grid.resolution)
         self._robot: tuple[float, float, float] | None = None  # its position in the map
         self._was_level = False
         self.clear()

@@ -7,16 +7,26 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.io import decode
 
-_STAYED = 1e-3  # [m], and share of it per metre: less is no motion
+_AROUND = 8.0  # [m] from its beginning, of most that was seen from a submap
+_LIFTED = 0.02  # [m]
 
 
 class SubmapPoses:
     """The beginnings of the submaps of a drive.
+
+    Submaps that have moved by less than half a cell, together, are left where they are: a map moves
+    by whole cells, and small steps would be lost one by one.
+
+    Parameters
+    ----------
+    resolution : float [m]
+        Side of the cells of the map.
 
     Attributes
     ----------
@@ -26,7 +36,8 @@ class SubmapPoses:
         When the first one began; another map has another one.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, resolution: float) -> None:
+        self._least = 0.5 * resolution
         self.newest = 0
         self.begun_ns = -1
         self._poses: Array = np.empty((0, 4, 4))
@@ -37,7 +48,8 @@ class SubmapPoses:
         Returns
         -------
         (K, 4, 4) float64 or None
-            How those that are known already have moved, by their number; none, where all stayed.
+            How what was mapped from those that are known already is to be moved, by their number;
+            none, where all stay.
 
         Raises
         ------
@@ -46,12 +58,21 @@ class SubmapPoses:
         """
         decode.require_frame(message.header, frame)
         begun_ns, poses = decode.stamp_ns(message.header), decode.path_poses(message)
-        before, self._poses = self._poses, poses
-        is_same = begun_ns == self.begun_ns and len(poses) >= len(before)
+        is_same = begun_ns == self.begun_ns and len(poses) >= len(self._poses)
+        before = self._poses if is_same else poses
         self.begun_ns, self.newest = begun_ns, len(poses)
-        if not is_same or not len(before):
+        self._poses = np.concatenate([before, poses[len(before) :]])
+        motions = poses @ se3.inverse(self._poses)
+        is_moved = self._is_moved(motions, self._poses)
+        if not is_moved.any():
             return None
-        motions = np.stack([
-            np.eye(4), *(now @ se3.inverse(then) for now, then in zip(poses, before, strict=False))
-        ])  # fmt: skip
-        return None if np.allclose(motions, np.eye(4), rtol=0.0, atol=_STAYED) else motions
+        self._poses[is_moved] = poses[is_moved]
+        motions[~is_moved] = np.eye(4)
+        return np.concatenate([np.eye(4)[None], motions[: len(before)]])
+
+    def _is_moved(self, motions: Array, poses: Array) -> NDArray[np.bool_]:
+        """Whether motions (K, 4, 4) move what is around poses (K, 4, 4) by half a cell or more."""
+        shift = (motions @ poses - poses)[:, :3, 3]
+        turn = np.abs(se3.to_xyz_rpy(motions)[:, 5])
+        aside = np.hypot(shift[:, 0], shift[:, 1]) + _AROUND * turn
+        return (aside >= self._least) | (np.abs(shift[:, 2]) >= _LIFTED)

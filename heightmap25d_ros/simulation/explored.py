@@ -98,6 +98,7 @@ class SimulatedExploration:
         self._simulation = simulation
         self._params = params
         self._localizer = localizer
+        self._map_version = (0, 0, 0)
         self._planning = Planning(params)
         self._following = PathFollowing(params)
         self._planning.set_boundary(task.boundary)
@@ -164,6 +165,10 @@ class SimulatedExploration:
         if localizer.pose is None:
             return
         frame, seconds = self._params.mapping.map_frame, self._simulation.seconds
+        if localizer.map_version != self._map_version:
+            self._map_version = localizer.map_version
+            begun_ns, poses = self._map_version[0], localizer.submap_poses()
+            self.mapping.take_submaps(messages.path(begun_ns, frame, poses))
         correction = messages.correction(seconds, frame, localizer.pose.T_map_odom)
         for pipeline in (self.mapping, self._planning, self._following, self.exploration):
             pipeline.take_correction(correction)

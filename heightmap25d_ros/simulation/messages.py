@@ -116,6 +116,23 @@ def correction(seconds: float, frame_id: str, T: se3.Matrix) -> Message:
     )
 
 
+def path(stamp: int, frame_id: str, poses: se3.Matrix) -> Message:
+    """A nav_msgs/Path of poses (N, 4, 4), stamped [ns]."""
+    header = _header((stamp - START_NS) * 1e-9, frame_id)
+    return _message(
+        "nav_msgs/msg/Path",
+        header,
+        [
+            _message(
+                "geometry_msgs/msg/PoseStamped",
+                header,
+                _message("geometry_msgs/msg/Pose", _vector("Point", T[:3, 3]), _quaternion(T)),
+            )
+            for T in poses
+        ],
+    )
+
+
 def scan(sensor: Laser | Lidar | DepthCamera, taken: TakenScan) -> Message:
     """A LaserScan, or a PointCloud2 of a lidar or a depth camera."""
     if isinstance(sensor, Laser):

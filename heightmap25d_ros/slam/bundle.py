@@ -13,7 +13,7 @@ heavy.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -31,7 +31,10 @@ WINDOW, _OVERLAP = 400, 120
 """Keyframes that are refined together at most."""
 
 _SPARSE = 3  # of so many keyframes one is refined first, which costs a tenth
-_WIDE, _NEAR, _NARROW = 1.0, 0.12, 0.04  # [m] tolerance from a patch: first, of all keyframes, last
+NARROW = 0.04
+"""[m] Tolerance from a patch in the end."""
+
+_WIDE, _NEAR = 1.0, 0.12  # [m] at first, and when all keyframes take part
 _NARROWING = 0.5, 0.9  # at least and at most, from one step to the next; between these the
 _FOLLOWS = 5.0  # tolerance is so many times as long as the last step: soon narrow if little moves
 _STEPS = 20  # with the last tolerance at most; long corridors take most of them
@@ -145,11 +148,13 @@ def _solved(
     pairs: NDArray[np.int64],
 ) -> Refined:
     """Refine a stretch, with covariances for pairs (P, 2) of its keyframes."""
-    some = _Stretch(keyframes[::_SPARSE], T_map_odom[::_SPARSE], params)
-    some.solve(_WIDE, _NEAR)
+    some = Stretch(keyframes[::_SPARSE], T_map_odom[::_SPARSE], params)
+    for _ in some.solve(_WIDE, _NEAR):
+        pass
     moved = some.T_map_odom()[np.arange(len(keyframes)) // _SPARSE]  # others as the one before
-    stretch = _Stretch(keyframes, moved, params)
-    stretch.solve(_NEAR, _NARROW)
+    stretch = Stretch(keyframes, moved, params)
+    for _ in stretch.solve(_NEAR, NARROW):
+        pass
     return Refined(stretch.T_map_odom(), stretch.tilts(), stretch.covariances(pairs))
 
 
@@ -210,8 +215,17 @@ def _returns_of(
     return Returns(*(part[is_near] for part in (seen, beams, pose_of, is_contact)))
 
 
-class _Stretch:
-    """Keyframes that are refined together."""
+class Stretch:
+    """Keyframes that are refined together.
+
+    Parameters
+    ----------
+    keyframes : sequence of Keyframe
+        Of one drive, in order.
+    T_map_odom : (K, 4, 4) float64
+        Where the odometry's frame is thought to be; the first one stays.
+    params : ScanFilterParams
+    """
 
     def __init__(
         self, keyframes: Sequence[Keyframe], T_map_odom: se3.Matrix, params: ScanFilterParams
@@ -234,27 +248,40 @@ class _Stretch:
         self._errors = np.zeros((len(keyframes), STATES))
         self._constants = np.zeros(STATES)
 
-    def solve(self, tolerance: float, last: float) -> None:
-        """Take steps with a tolerance that narrows, and with the last one until they are short."""
+    def solve(self, tolerance: float, last: float, most: int = _STEPS) -> Iterator[None]:
+        """Take steps with a tolerance that narrows, and with the last one until they are short.
+
+        With that one at most so many; there is time for others after each.
+        """
         steps = 0
-        while steps < _STEPS:
+        while steps < most:
             moved = _bend(self._step(tolerance)[:, :2], self._T_map_base[:, :2, 3])
+            yield
             if tolerance == last:
                 steps += 1
                 if moved < _CONVERGED:
                     break
             tolerance *= float(np.clip(_FOLLOWS * moved / tolerance, *_NARROWING))
             tolerance = max(tolerance, last)
-            if tolerance == _NARROW:
+            if tolerance == NARROW:
                 slipped = float(np.sqrt(np.mean(np.square(self._errors[:, _SLIP]))))
                 self._slip = max(self._params.slip, slipped)
 
+    def motions(self) -> se3.Matrix:
+        """(K, 4, 4): what has moved each pose, a shift and a turn by a yaw."""
+        return np.array([
+            se3.correction_about(pose, error[_MOVED], error[_YAW])
+            for pose, error in zip(self._T_map_base, self._errors, strict=True)
+        ])  # fmt: skip
+
     def T_map_odom(self) -> se3.Matrix:
         """(K, 4, 4) of the odometry's frame."""
-        return np.array([
-            se3.correction_about(pose, error[_MOVED], error[_YAW]) @ T
-            for pose, error, T in zip(self._T_map_base, self._errors, self._T_map_odom, strict=True)
-        ])  # fmt: skip
+        return np.asarray(self.motions() @ self._T_map_odom)
+
+    @property
+    def heading_bias(self) -> float:
+        """Turn of the heading [rad/m] to be added to what the odometry tells."""
+        return float(self._constants[_BIAS])
 
     def tilts(self) -> Array:
         """(K, 2), see `Refined`."""
@@ -265,7 +292,7 @@ class _Stretch:
         found = np.zeros((len(pairs), 4, 4))
         if not len(pairs):
             return found
-        matrix = self._equations(_NARROW).matrix
+        matrix = self._equations(NARROW).matrix
         factor = linalg.cho_factor(matrix, overwrite_a=True, check_finite=False)
         yaw = se3.to_xyz_rpy(self._T_map_base)[:, 5] + self._errors[:, _YAW]
         xy = self._T_map_base[:, :2, 3] + self._errors[:, :2]

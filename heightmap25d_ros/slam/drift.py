@@ -33,6 +33,13 @@ class Drift:
         """(4, 4) of x, y, yaw, z of the robot, along the axes of the map."""
         return self._total + self._step()
 
+    @property
+    def deviation(self) -> tuple[float, float]:
+        """Standard deviations: of the position along its less certain direction [m], yaw [rad]."""
+        covariance = self.covariance
+        position = np.linalg.eigvalsh(covariance[:2, :2])[-1]
+        return float(np.sqrt(position)), float(np.sqrt(covariance[2, 2]))
+
     def move(self, before: se3.Matrix, after: se3.Matrix) -> None:
         """The robot moved by odometry."""
         params, errors = self._params, self._estimate.errors

@@ -19,7 +19,7 @@ is seen there rules it out.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -84,6 +84,13 @@ class Found:
     drift: se3.Matrix
     covariance: Array
     possible: tuple[se3.Matrix, ...] = ()
+
+    def seen_from(self, moved: se3.Matrix) -> Found:
+        """The same place, after a motion (4, 4) of the robot in the present map."""
+        back = se3.inverse(moved)
+        return replace(
+            self, drift=self.drift @ back, possible=tuple(drift @ back for drift in self.possible)
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

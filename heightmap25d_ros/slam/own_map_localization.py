@@ -68,7 +68,7 @@ class OwnMapLocalization:
     ----------
     jumps : int
         Number of times that the estimate was replaced: at the start, when it was found on a saved
-        map, and when a loop was closed.
+        map, and when submaps were moved.
     """
 
     def __init__(
@@ -93,7 +93,7 @@ class OwnMapLocalization:
     def map_version(self) -> tuple[int, int, int]:
         """Which map it is [ns], the number of its submaps, and how often they were moved."""
         own = self._own
-        return own.begun_ns, len(own.submaps), own.loops_closed
+        return own.begun_ns, len(own.submaps), own.loops_closed + own.refined
 
     def submap_poses(self) -> Array:
         """(K, 4, 4): the robot in the map at the beginning of each submap."""
@@ -145,7 +145,7 @@ class OwnMapLocalization:
         self._own = own
         self._health = Health(self._params.localization)
         self._attempt_distance = 0.0
-        self._loops_seen = 0
+        self._moves_seen = 0
 
     def mend(self, T_map_odom: se3.Matrix, covariance: Array) -> None:
         """Odometry has jumped, the robot has not: its frame is at another pose from now on."""
@@ -168,12 +168,13 @@ class OwnMapLocalization:
         if self._finder is not None:
             self._finder.move(T_odom_base)
         self._own.go_on_searching()
-        self._count_loops()
+        self._count_moves()
 
-    def _count_loops(self) -> None:
-        """A closed loop moves the robot with its map."""
-        self.jumps += self._own.loops_closed - self._loops_seen
-        self._loops_seen = self._own.loops_closed
+    def _count_moves(self) -> None:
+        """Submaps that move take the robot with them."""
+        moves = self._own.loops_closed + self._own.refined
+        self.jumps += moves - self._moves_seen
+        self._moves_seen = moves
 
     def integrate(self, beams: Beams, T_odom_base: se3.Matrix, stamp_ns: int) -> Attempt | None:
         """Integrate the beams of a scan, in odom, with the pose (4, 4) of the robot.
@@ -187,7 +188,7 @@ class OwnMapLocalization:
             return self._find(self._finder, beams, T_odom_base, stamp_ns)
         own = self._own
         own.integrate(beams, T_odom_base, stamp_ns)
-        self._count_loops()
+        self._count_moves()
         travelled = own.distance - self._attempt_distance
         if own.last is None or travelled < self._params.localization.interval:
             return None

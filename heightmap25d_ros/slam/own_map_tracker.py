@@ -35,6 +35,7 @@ from heightmap25d_ros.slam.bundle import Keyframe
 from heightmap25d_ros.slam.drift import Drift, carried
 from heightmap25d_ros.slam.edges import edges_of
 from heightmap25d_ros.slam.laser_odometry import LaserOdometry
+from heightmap25d_ros.slam.live_refinement import LiveRefinement
 from heightmap25d_ros.slam.loop_closure import (
     Found,
     LoopAttempt,
@@ -55,6 +56,8 @@ _QUERY_DISTANCE = 8.0  # [m] of submaps in a robot's surroundings, when they are
 _QUERY_VIEWS, _VIEW_DISTANCE, _VIEW_RETURNS = 12, 0.5, 300  # windows of returns that prove a loop
 _IN_DOUBT = 1.0  # [m] travelled in contradiction to the map, without a new one being begun
 _KEYFRAME_DISTANCE, _KEYFRAME_RETURNS = 0.08, 600  # [m] from one to the next
+_LEAST_SUBMAP = 1.0  # [m] after which a submap ends that scans alone do not hold together
+_LOOSE, _LOOSE_YAW = 0.025, 0.005  # [m], [rad] standard deviation along it, from which that is so
 _MOSTLY_KNOWN = 0.3  # share of the returns, below which the map is used anew at once
 
 
@@ -102,13 +105,24 @@ class _View(NamedTuple):
 
 
 class _Searching(NamedTuple):
-    """A search of older submaps that is under way, from where the newest one was begun."""
+    """A search of older submaps that is under way, from where the newest one was begun.
+
+    Attributes
+    ----------
+    moved : (4, 4) float64
+        What has moved the robot since.
+    """
 
     search: LoopSearch
     candidate: Candidate
     second: int
     T_map_base: se3.Matrix
     stamp_ns: int
+    moved: se3.Matrix
+
+    def seen_from(self, moved: se3.Matrix) -> _Searching:
+        """The same, after a motion (4, 4) of the robot."""
+        return self._replace(moved=moved @ self.moved)
 
 
 class OwnMapTracker:
@@ -143,6 +157,8 @@ class OwnMapTracker:
     last : Registration or None
         The last update by scans.
     loops_closed : int
+    refined : int
+        How often the last metres were refined together.
     begun_ns : int [ns]
         Stamp of the first scan.
     """
@@ -160,7 +176,7 @@ class OwnMapTracker:
         self._params = params
         self._is_recording = is_recording
         self.last: Registration | None = None
-        self.loops_closed = self.begun_ns = 0
+        self.loops_closed = self.refined = self.begun_ns = 0
         self._search_slice = search_slice
         self._map = SubmapGraph(params, saved)
         self.attempts: list[LoopAttempt] = []
@@ -180,10 +196,12 @@ class OwnMapTracker:
         self._T_odom_base: se3.Matrix | None = None
         self._landmarks: Landmarks | None = None
         self._refreshed = self._submap_begun = self._viewed = self._kept = -np.inf
+        self._looked = 0.0  # [m] travelled at the last look back
         self._agreed = 0.0  # [m] travelled at the last update that the map did not contradict
         self._observed = 0.0  # [m] travelled at the last one that observed something
         self._is_contradicted = self._is_on_saved = False
         self._drift = Drift(params, self.estimate)
+        self._refinement = LiveRefinement(params.scan_filter)
         self._inserted_ns = 0
         self._is_new_around = False
         self._searching: _Searching | None = None
@@ -253,7 +271,8 @@ class OwnMapTracker:
         self.go_on_searching()
 
     def go_on_searching(self) -> None:
-        """Give a search for loops that is under way its time, whatever else there is to do."""
+        """Give what is under way its time, whatever else there is to do."""
+        self._refine_for_a_while()
         if self._searching is not None:
             self._search_for_a_while(self._searching)
 
@@ -262,6 +281,7 @@ class OwnMapTracker:
         if self._waiting:
             self._insert()
         if self.submaps:
+            self._looked = -np.inf  # once more, however near the last look was
             self._next_submap(self._inserted_ns)
             self.go_on_searching()
 
@@ -319,31 +339,41 @@ class OwnMapTracker:
         self._drift.see(found)
         # The first update has one scan, of the ground perhaps, and the frame is what it tells of.
         is_beginning = self.distance < _KEYFRAME_DISTANCE
-        if self._is_recording and (
-            is_beginning or self.distance - self._kept >= _KEYFRAME_DISTANCE
-        ):
-            self._keep()
+        self._keep(is_beginning)
         if self.distance - self._viewed >= _VIEW_DISTANCE:
             self._viewed = self.distance
             some = returns[:: 1 + len(returns) // _VIEW_RETURNS]
             self._views.append(_View(some, len(self.submaps) - 1, self._T_submap_odom()))
 
-    def _keep(self) -> None:
-        """Keep a moment of the drive, with its returns."""
+    def _keep(self, is_beginning: bool) -> None:
+        """Keep a moment of the drive, with its returns, where it is due."""
+        is_recorded = self._is_recording and (
+            is_beginning or self.distance - self._kept >= _KEYFRAME_DISTANCE
+        )
+        is_refined = is_beginning or self._refinement.is_due(self.distance)
+        if not is_recorded and not is_refined:
+            return
+        keyframe = self._keyframe()
+        if is_recorded:
+            self._kept = self.distance
+            self.keyframes.append(keyframe)
+        if is_refined:
+            self._refinement.keep(keyframe, self.distance)
+
+    def _keyframe(self) -> Keyframe:
         assert self._T_odom_base is not None
-        self._kept = self.distance
         returns, origins = (
             np.concatenate([of(w.beams)[w.beams.is_hit & ~w.beams.is_lone] for w in self._waiting])
             for of in (attrgetter("ends"), attrgetter("origins"))
         )
         edges = np.concatenate([edges_of(waiting.beams) for waiting in self._waiting])
         some = np.s_[:: 1 + len(returns) // _KEYFRAME_RETURNS]
-        self.keyframes.append(Keyframe(
+        return Keyframe(
             len(self.placed) + len(self._waiting) - 1, len(self.submaps) - 1,
             self._T_submap_odom(), self._T_odom_base,
             returns[some].astype(np.float32), origins[some].astype(np.float32),
             edges.astype(np.float32),
-        ))  # fmt: skip
+        )  # fmt: skip
 
     def _T_submap_odom(self) -> se3.Matrix:
         T_submap_map = se3.inverse(self.submaps[-1].T_map_submap)
@@ -365,7 +395,8 @@ class OwnMapTracker:
         stamp_ns = self._inserted_ns = self._waiting[-1].stamp_ns
         self._waiting.clear()
         slam = self._params.slam
-        if self.distance - self._submap_begun >= slam.submap_length:
+        length = self.distance - self._submap_begun
+        if length >= slam.submap_length or (length >= _LEAST_SUBMAP and self._is_loose()):
             self._next_submap(stamp_ns)
         if self._is_new_around or self.distance - self._refreshed >= slam.refresh_distance:
             self._refresh()
@@ -393,12 +424,46 @@ class OwnMapTracker:
     def _next_submap(self, stamp_ns: int) -> None:
         """Begin the next submap, and look whether the robot has been there before."""
         travelled = self.distance - self._submap_begun
+        is_refined = self._is_loose()
         self._map.follow(self.T_map_base, self._drift.covariance, travelled)
         self._begun()
         if self.last is not None and self.last.is_accepted:
             self._map.anchor(self.estimate.covariance)
-        if self._params.slam.close_loops:
+        if is_refined:
+            self._refinement.begin(self.submaps)
+            self._refine_for_a_while()
+        slam = self._params.slam
+        if slam.close_loops and self.distance - self._looked >= slam.submap_length:
+            self._looked = self.distance
             self._look_back(stamp_ns)
+
+    def _is_loose(self) -> bool:
+        """Whether scans alone have left open what the newest submap is like.
+
+        Level lasers are held against the last metres as a whole already, and scans on a saved map
+        against what does not err with them.
+        """
+        position, yaw = self._drift.deviation
+        is_held = self._laser.is_level or self._is_on_saved
+        return not is_held and (position > _LOOSE or yaw > _LOOSE_YAW)
+
+    def _refine_for_a_while(self) -> None:
+        """Refine the last metres together; what was made there moves."""
+        moves = self._refinement.step(self._search_slice)
+        if moves is None:
+            return
+        moved = self._map.move(moves.motions, moves.newest)
+        self.refined += 1
+        self.estimate.T_map_odom = moved @ self.estimate.T_map_odom
+        self.estimate.learn_heading_bias(moves.heading_bias)
+        if self._searching is not None:
+            self._searching = self._searching.seen_from(moved)
+        if self._next is not None:
+            self._next = self._next.seen_from(moved)
+        if self._pending is not None:
+            edge, found = self._pending
+            self._pending = edge, found.seen_from(moved)
+        self._refresh()
 
     def _begun(self) -> None:
         """A submap was begun at the robot."""
@@ -422,7 +487,7 @@ class OwnMapTracker:
             query, candidate.cells, candidate.radius, candidate.turn, self._params, waiting
         )
         second = len(self.submaps) - 1
-        self._next = _Searching(search, candidate, second, T_map_base, stamp_ns)
+        self._next = _Searching(search, candidate, second, T_map_base, stamp_ns, np.eye(4))
         if self._searching is None:
             self._searching, self._next = self._next, None
 
@@ -431,7 +496,8 @@ class OwnMapTracker:
         if not under_way.search.step(self._search_slice):
             return
         self._searching, self._next = self._next, None
-        found, (_, candidate, second, T_map_base, stamp_ns) = under_way.search.result, under_way
+        _, candidate, second, begun, stamp_ns, moved = under_way
+        found, T_map_base = under_way.search.result.seen_from(moved), moved @ begun
         edge = self._map.loop(candidate.number, second, T_map_base, found)
         outcome = found.reason.value
         pending = self._pending
@@ -451,5 +517,6 @@ class OwnMapTracker:
             moved = self._map.close([pending[0], edge])
             self.loops_closed += 1
             self._searching = None  # it is of the map as it was
+            self._refinement.cancel()
             self.estimate.T_map_odom = moved @ self.estimate.T_map_odom
             self._refresh()

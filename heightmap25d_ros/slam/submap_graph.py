@@ -9,8 +9,7 @@ long as scans are held against it, each submap that begins on it is joined with 
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -139,7 +138,7 @@ class SubmapGraph:
         dropped = needless(
             [submap.squares() for submap in around],
             [submap.T_map_submap for submap in around],
-            newest=math.ceil(slam.active_distance / slam.submap_length),
+            newest=len(self.recent(max(slam.active_distance - slam.submap_length, 0.0))),
         )
         for submap, is_dropped in zip(around, dropped, strict=True):
             if is_dropped.any():
@@ -226,15 +225,46 @@ class SubmapGraph:
         information = np.asarray(np.linalg.inv(turned(found.covariance, -old[2])))
         return Edge(first, second, measured, information, is_loop=True)
 
+    def move(self, motions: Mapping[int, se3.Matrix], newest: se3.Matrix) -> se3.Matrix:
+        """Move submaps along the drive, and then all of them to where loops have them.
+
+        Parameters
+        ----------
+        motions : mapping of int to (4, 4) float64
+            Of submaps, by their number.
+        newest : (4, 4) float64
+            Of all that are newer than these.
+
+        Returns
+        -------
+        (4, 4) float64
+            What moved the newest one.
+        """
+        newer = range(max(motions) + 1, len(self.submaps))
+        moved = {**motions, **dict.fromkeys(newer, newest)}
+        for number, motion in moved.items():
+            submap = self.submaps[number]
+            submap.T_map_submap = np.asarray(motion @ submap.T_map_submap)
+        self.graph.measure_again({number: self.submaps[number].pose for number in moved})
+        along = self.submaps[-1].T_map_submap
+        if any(edge.distance == 0.0 for edge in self.graph.edges):
+            self._settle()
+        settled = self.submaps[-1].T_map_submap @ se3.inverse(along)
+        return np.asarray(settled @ moved[len(self.submaps) - 1])
+
+    def _settle(self) -> None:
+        """Move all submaps to where they agree."""
+        self.graph.optimise()
+        for submap, pose in zip(self.submaps, self.graph.poses, strict=True):
+            submap.move_to(pose)
+
     def close(self, loops: list[Edge]) -> se3.Matrix:
         """Join submaps, and move all of them to where they agree; what moved the newest (4, 4)."""
         newest = self.submaps[-1]
         before = newest.T_map_submap @ newest.start
         for loop in loops:
             self.graph.join(loop)
-        self.graph.optimise()
-        for submap, pose in zip(self.submaps, self.graph.poses, strict=True):
-            submap.move_to(pose)
+        self._settle()
         self._choose()
         return np.asarray(newest.T_map_submap @ newest.start @ se3.inverse(before))
 
