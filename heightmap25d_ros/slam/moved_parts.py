@@ -33,6 +33,8 @@ from heightmap25d_ros.localization.layers import NAMES, LayerMap
 from heightmap25d_ros.mapping.sensor_model import Beams
 from heightmap25d_ros.slam.submaps import SubmapCells, cells_of, joined_layers
 
+_GAP = 0.75  # [cells] from the middle of what may fill a gap, along either axis
+
 FIXED = 0
 """Number of what was not seen from any submap, and does not move."""
 
@@ -120,6 +122,10 @@ def moved(source: PartedMap, motions: Array, within: Geometry) -> PartedMap:
         cells, of_cells, motions, backward, geometry.resolution, geometry.origin, target.origin,
         index,
     )  # fmt: skip
+    _fill_seams(
+        cells, of_cells, motions, geometry.resolution, geometry.origin, target.origin,
+        _in_cells_of(target, geometry, is_used), index,
+    )  # fmt: skip
     flat = np.where(index >= 0, (cells[:, 0] * geometry.shape[1] + cells[:, 1])[index], -1)
     lifts = np.rint(motions[:, 2, 3] / HEIGHT_RESOLUTION).astype(np.int32)
     placed = np.where(index >= 0, of_cells[index], FIXED).astype(np.uint32)
@@ -142,6 +148,18 @@ def _hull(
     area = Area(int(low[0]), int(low[1]), int(high[0] - low[0]), int(high[1] - low[1]))
     y, x = (int(index) for index in geometry.cell_at(within.cell_center((0, 0))))
     return geometry.part(area.within(Area(y, x, *within.shape)))
+
+
+def _in_cells_of(
+    target: Geometry, geometry: Geometry, mask: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """A mask of one rectangle of a grid in the cells of another one; false beyond the first."""
+    y, x = (int(index) for index in target.cell_at(geometry.cell_center((0, 0))))
+    source, whole = Area(y, x, *geometry.shape), Area(0, 0, *target.shape)
+    shared = source.within(whole)
+    found = np.zeros(target.shape, np.bool_)
+    found[shared.slices(whole)] = mask[shared.slices(source)]
+    return found
 
 
 def _filled(
@@ -231,3 +249,27 @@ def _place(cells, parts, forward, backward, resolution, corner, target_corner, i
                 source_y = (back[1, 0] * x + back[1, 1] * y + back[1, 3] - corner[1]) / resolution
                 if np.floor(source_x) == cells[k, 1] and np.floor(source_y) == cells[k, 0]:
                     index[iy, ix] = k
+
+
+@kernel
+def _fill_seams(
+    cells, parts, motions, resolution, corner, target_corner, was_known, index
+):  # fmt: skip
+    """Where parts have moved apart by less than a cell, the nearest cell takes the gap.
+
+    Parts are interleaved, and none of these gaps is unknown: only cells that were known are filled.
+    """
+    rows, columns = index.shape
+    nearest = np.full(index.shape, np.inf)
+    is_gap = was_known & (index < 0)
+    for k in range(len(cells)):
+        there = motions[parts[k]]
+        x = corner[0] + (cells[k, 1] + 0.5) * resolution
+        y = corner[1] + (cells[k, 0] + 0.5) * resolution
+        u = (there[0, 0] * x + there[0, 1] * y + there[0, 3] - target_corner[0]) / resolution
+        v = (there[1, 0] * x + there[1, 1] * y + there[1, 3] - target_corner[1]) / resolution
+        for iy in range(max(int(v) - 1, 0), min(int(v) + 2, rows)):
+            for ix in range(max(int(u) - 1, 0), min(int(u) + 2, columns)):
+                apart = max(abs(ix + 0.5 - u), abs(iy + 0.5 - v))
+                if is_gap[iy, ix] and apart < min(_GAP, nearest[iy, ix]):
+                    nearest[iy, ix], index[iy, ix] = apart, k
