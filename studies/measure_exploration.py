@@ -50,6 +50,7 @@ from heightmap25d_ros.terrain.slices import SurfaceStack
 from heightmap25d_ros.viz import exploration_figures
 
 ROOT = Path(__file__).resolve().parent.parent
+CONFIG = ROOT / "config" / "atrvjr.yaml"
 WORLDS, SEEDS = ("room", "ramp", "rough", "street"), (11, 12, 13)
 SHARES = (0.9, 0.95)
 SCAN_RATE, STEP = 12.5, 0.02  # [Hz], [s]
@@ -83,8 +84,7 @@ class Run:
         self.params, self.task = params, task
         localizer = None
         if has_drift:
-            localization = replace(params.localization, own_map=True)
-            localizer = Localizer(replace(params, localization=localization))
+            localizer = Localizer(own_map_params(params.intake.scan_topics))
         self.explored = SimulatedExploration(simulation, params, task, explorer, localizer)
         self.height, self.reachable, _ = full_knowledge_tour.reachable_ground(self.world)
         self.geometry = Geometry(
@@ -211,10 +211,20 @@ class Run:
         exploration_figures.draw(path, record.snapshots, driven, corners, given_up, self.params)
 
 
+def own_map_params(scan_topics):
+    """Those of the node `localization`, which are not those of `mapping`."""
+    params = files.read_yaml(CONFIG, "localization")
+    return replace(
+        params,
+        intake=replace(params.intake, scan_topics=scan_topics),
+        localization=replace(params.localization, own_map=True),
+    )
+
+
 def main() -> None:
     options = parser().parse_args()
     options.output.mkdir(parents=True, exist_ok=True)
-    params = files.read_yaml(ROOT / "config" / "atrvjr.yaml", "mapping")
+    params = files.read_yaml(CONFIG, "mapping")
     topics = tuple(f"/{topic}" for topic in params.intake.scan_topics)
     params = replace(params, intake=replace(params.intake, scan_topics=topics))
     lines = options.output / "runs.jsonl"

@@ -14,14 +14,14 @@ from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.io import decode
 
 _AROUND = 8.0  # [m] from its beginning, of most that was seen from a submap
-_LIFTED = 0.02  # [m]
+_MOVED, _LIFTED = 2.0, 0.05  # [cells], [m], from which cells move
 
 
 class SubmapPoses:
     """The beginnings of the submaps of a drive.
 
-    Submaps that have moved by less than half a cell, together, are left where they are: a map moves
-    by whole cells, and small steps would be lost one by one.
+    Submaps that have moved by less than two cells, all in all, are left where they are: a map moves
+    by whole cells, so that small steps would be lost one by one, and each opens seams.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class SubmapPoses:
     """
 
     def __init__(self, resolution: float) -> None:
-        self._least = 0.5 * resolution
+        self._least = _MOVED * resolution
         self.newest = 0
         self.begun_ns = -1
         self._poses: Array = np.empty((0, 4, 4))
@@ -71,7 +71,7 @@ class SubmapPoses:
         return np.concatenate([np.eye(4)[None], motions[: len(before)]])
 
     def _is_moved(self, motions: Array, poses: Array) -> NDArray[np.bool_]:
-        """Whether motions (K, 4, 4) move what is around poses (K, 4, 4) by half a cell or more."""
+        """Whether motions (K, 4, 4) move what is around poses (K, 4, 4) far enough."""
         shift = (motions @ poses - poses)[:, :3, 3]
         turn = np.abs(se3.to_xyz_rpy(motions)[:, 5])
         aside = np.hypot(shift[:, 0], shift[:, 1]) + _AROUND * turn

@@ -9,7 +9,6 @@ nor surface are taken for known, and the submaps that were made there move with 
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
@@ -23,7 +22,7 @@ from heightmap25d_ros.slam.bundle import NARROW, Keyframe, Stretch
 from heightmap25d_ros.slam.submaps import Submap
 
 _DISTANCE, _RETURNS = 0.24, 200  # [m] from one keyframe to the next; of each at most
-_MOST, _LEAST = 170, 6  # keyframes that are refined together: some 40 m
+_RECENT, _OLDER, _LEAST = 80, 120, 6  # keyframes: all of the last ones, every second of older ones
 _FIRST = 0.12  # [m] tolerance from a patch
 _STEPS = 4  # with the last one, at most
 
@@ -56,10 +55,11 @@ class LiveRefinement:
 
     def __init__(self, params: ScanFilterParams) -> None:
         self._params = params
-        self._keyframes: deque[Keyframe] = deque(maxlen=_MOST)
+        self._keyframes: list[Keyframe] = []
         self._kept = -np.inf
         self._work: _Work | None = None
-        self._later = 0  # keyframes that were kept since that was begun
+        self._later: list[Keyframe] = []  # that were kept since that was begun
+        self._is_even = False
 
     def is_due(self, distance: float) -> bool:
         """Whether it takes a keyframe a distance [m] after the drive began."""
@@ -69,27 +69,43 @@ class LiveRefinement:
         """Keep a keyframe, a distance [m] after the drive began."""
         some = np.s_[:: 1 + len(keyframe.returns) // _RETURNS]
         returns, origins = keyframe.returns[some].copy(), keyframe.origins[some].copy()
-        self._keyframes.append(keyframe._replace(returns=returns, origins=origins))
+        kept = keyframe._replace(returns=returns, origins=origins)
         self._kept = distance
-        self._later += 1
+        if self._work is None:
+            self._append(kept)
+        else:
+            self._later.append(kept)
+
+    def _append(self, keyframe: Keyframe) -> None:
+        self._keyframes.append(keyframe)
+        if len(self._keyframes) > _RECENT:
+            self._is_even = not self._is_even
+            if self._is_even:
+                del self._keyframes[-_RECENT - 1]
+        del self._keyframes[: -_RECENT - _OLDER]
 
     def begin(self, submaps: Sequence[Submap]) -> None:
         """Refine what was kept, unless that is under way; the submaps are all of the drive."""
         if self._work is None and len(self._keyframes) >= _LEAST:
-            self._work, self._later = _Work(list(self._keyframes), submaps, self._params), 0
+            self._work = _Work(self._keyframes, submaps, self._params)
 
     def cancel(self) -> None:
         """The submaps have been moved otherwise."""
-        self._work = None
+        self._end(self._keyframes)
 
     def step(self, seconds: float) -> Moves | None:
         """Go on for about this time [s]; what has moved, when it is done."""
         if self._work is None or not self._work.step(seconds):
             return None
-        (keyframes, moves), self._work = self._work.result, None
-        later = list(self._keyframes)[len(self._keyframes) - self._later :]
-        self._keyframes = deque([*keyframes, *later], maxlen=_MOST)
+        keyframes, moves = self._work.result
+        self._end(keyframes)
         return moves
+
+    def _end(self, keyframes: list[Keyframe]) -> None:
+        self._work, self._keyframes = None, keyframes
+        later, self._later = self._later, []
+        for keyframe in later:
+            self._append(keyframe)
 
 
 class _Work(SlicedSearch[tuple[list[Keyframe], Moves | None]]):
