@@ -40,6 +40,7 @@ from heightmap25d_ros.pipelines.odometry_gate import Jump
 from heightmap25d_ros.pipelines.scan_queue import Reading
 from heightmap25d_ros.pipelines.sensor_intake import SensorIntake
 from heightmap25d_ros.pipelines.transform_buffer import JUMP_BACK_NS
+from heightmap25d_ros.slam import bundle
 from heightmap25d_ros.slam.own_map_localization import OwnMapLocalization
 from heightmap25d_ros.slam.own_map_tracker import OwnMapTracker
 from heightmap25d_ros.slam.saved_map import SavedMap
@@ -91,6 +92,7 @@ def _compile_own_map(params: Params) -> None:
         is_lone = np.zeros(len(ends), bool)
         beams = sensor_model.Beams(origins=origins, ends=ends, is_hit=~is_lone, is_lone=is_lone)
         own.integrate(beams, T, step * 10**8)
+    bundle.compile_kernels(params.scan_filter)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -403,3 +403,15 @@ class Stretch:
         precision = deviations**-2
         equations.matrix[np.diag_indices(len(values))] += precision
         equations.gradient[:] += precision * values
+
+
+def compile_kernels(params: ScanFilterParams) -> None:
+    """Compile, or load from numba's cache."""
+    y = np.linspace(-1.0, 1.0, 100)
+    wall = np.column_stack([np.full(100, 2.0), y, np.full(100, 0.5)]).astype(np.float32)
+    T_odom_base = (np.eye(4), se3.from_xyz_rpy([0.1, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    keyframes = [
+        Keyframe(k, 0, np.eye(4), T, wall, np.zeros_like(wall), wall[:1])
+        for k, T in enumerate(T_odom_base)
+    ]
+    refined(keyframes, np.stack([np.eye(4)] * 2), params, marks=(0, 1))

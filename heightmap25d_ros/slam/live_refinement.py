@@ -134,7 +134,7 @@ class _Work(SlicedSearch[tuple[list[Keyframe], Moves | None]]):
             return
         motions, T_map_odom = self._stretch.motions(), self._stretch.T_map_odom()
         of_submaps = self._of_submaps(motions)
-        if not np.isfinite(T_map_odom).all() or not of_submaps:
+        if not of_submaps:
             yield self._keyframes, None
             return
         stays = np.eye(4)

@@ -17,6 +17,7 @@ COMPILED = """
 import sys
 from itertools import islice
 from heightmap25d_ros.io.bag import Bag
+from heightmap25d_ros.params.by_name import with_values
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines.replay import replayed, with_sources
 def compiled():
@@ -76,6 +77,22 @@ assert compiled() == before, set(compiled().items()) - set(before.items())
 assert before["heightmap25d_ros.localization.scan_search", "_score"]
 """
 
+# As far as the last metres are refined together.
+OF_OWN_MAP = """
+from heightmap25d_ros.pipelines.localization import Localizer, compile_kernels
+with Bag(sys.argv[1]) as bag:
+    params = with_values(with_sources(Params(), [bag]), {"localization.own_map": True})
+    compile_kernels(params)
+    localizer = Localizer(params)
+    before = compiled()
+    for _ in replayed(bag, localizer, "/odom"):
+        _, submaps, moved = localizer.map_version
+        if moved:
+            break
+assert moved and submaps
+assert compiled() == before, set(compiled().items()) - set(before.items())
+"""
+
 
 def run(script, *arguments):
     subprocess.run([sys.executable, "-c", COMPILED + script, *arguments], check=True)
@@ -91,3 +108,7 @@ def test_no_scan_compiles_a_kernel_of_localization(tmp_path):
     options = ["--odom-topic", "/ground_truth", "--duration", "15"]
     assert cli.main(["map", str(BAG), "-o", str(tmp_path), *options]) == 0
     run(OF_LOCALIZATION, BAG, tmp_path)
+
+
+def test_no_scan_compiles_a_kernel_of_localization_on_the_own_map():
+    run(OF_OWN_MAP, BAG)

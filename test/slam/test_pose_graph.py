@@ -137,3 +137,24 @@ def test_parts_that_nothing_joins_stay_where_they_are():
     graph.join(Edge(4, 5, np.array([3.0, 0.0, 0.0, 0.0]), INFORMATION, is_loop=True))
     graph.optimise()
     np.testing.assert_allclose(graph.poses[5, :2], [3.0, 0.0], atol=1e-6)
+
+
+def test_what_is_measured_again_is_where_it_was_put_until_a_loop_is_joined():
+    graph = square(drift=0.1)
+    known = {2: np.array([10.0, 10.0, np.pi, 0.2]), 3: np.array([0.0, 10.0, -np.pi / 2, 0.2])}
+    before = graph.poses
+    graph.measure_again(known)
+    expected = before.copy()
+    for number, pose in known.items():
+        expected[number] = pose
+    np.testing.assert_allclose(graph.poses, expected)
+    graph.optimise()
+    along = compose(known[3], np.array([10.0, 0.0, 0.0, 0.0]))
+    graph.join(Edge(0, 1, np.zeros(4), INFORMATION, is_loop=True))
+    loop = graph.edges[-1]
+    graph.measure_again({1: along})
+    np.testing.assert_allclose(loop.measured, graph.edges[-1].measured)
+    for edge in graph.edges[:2]:
+        np.testing.assert_allclose(
+            edge.measured, between(graph.poses[edge.first], graph.poses[edge.second])
+        )
