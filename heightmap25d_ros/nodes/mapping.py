@@ -196,7 +196,7 @@ class MappingNode(ManagedNode):
     def _on_submaps(self, message: Path) -> None:
         if self._mapping.take_submaps(message):
             self._replace_map()
-            self.get_logger().info("a loop was closed: the map was moved with its submaps")
+            self.get_logger().info("the map was moved with the submaps of localization")
 
     def _pass_time(self) -> None:
         self._mapping.pass_time(self.get_clock().now().nanoseconds)

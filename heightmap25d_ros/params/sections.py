@@ -687,7 +687,7 @@ class SlamParams(Section):
     """Maps without known poses."""
 
     submap_length: float = parameter(
-        4.0, "distance travelled along which a submap is rigid", "m", low=0.5, high=100.0
+        4.0, "distance travelled along which a submap is rigid, at most", "m", low=0.5, high=100.0
     )
     active_distance: float = parameter(
         40.0, "distance back along the drive and its loops that scans are held against", "m",

@@ -235,7 +235,7 @@ class Mapping(SensorIntake[Reading]):
     def take_submaps(self, message: Any) -> bool:
         """Take a nav_msgs/Path in: the beginnings of the submaps of localization's own map.
 
-        Where a closed loop has moved them, the map follows, see `slam.moved_parts`; whether it has.
+        Where they were moved, the map follows, see `slam.moved_parts`; whether it has.
         """
         frame = self._params.mapping.map_frame
         begun_ns = self._submaps.begun_ns
@@ -247,14 +247,14 @@ class Mapping(SensorIntake[Reading]):
         try:
             self._move(motions)
         except InputError as error:
-            self.dropped.notice(f"a loop was closed, and the map does not follow: {error}")
+            self.dropped.notice(f"submaps were moved, and the map does not follow: {error}")
             return False
         return True
 
     def _move(self, motions: Array) -> None:
         """Move (K, 4, 4) what was seen from each submap."""
         area = self.grid.observed_area()
-        memory.require(area.rows * area.columns * _BYTES_OF_MOVED, "the map, moved by a loop")
+        memory.require(area.rows * area.columns * _BYTES_OF_MOVED, "the map, moved with its submaps")
         height_map = self.grid.read(self.probability_threshold, area)
         layers = None if self._layers is None else self._layers.read(area)
         source = PartedMap(height_map, layers, self._parts.read(area))

@@ -9,7 +9,8 @@ rigid in itself, with the `sightings` of their cells, less what `trimming` finds
 joins those around the robot for the scan filter and for searches. `loop_closure` finds the robot in
 older submaps, and `submap_graph`, over the `pose_graph`, moves all of them to where they agree; a
 `saved_map` of another day may be the first one. `moved_parts` moves what others made with them.
-`own_map_localization` does all of this while the robot drives. Of a recorded drive, `refinement`
+`own_map_localization` does all of this while the robot drives, with the last metres refined
+together where scans leave them open (`live_refinement`). Of a recorded drive, `refinement`
 finds all poses together afterwards: a `bundle` of poses and of the `patches` and upright `edges`
 that they have seen, and the `contacts` of the wheels. `map_pass` holds a drive against a map of
 several. `map_registration` finds a finished map in another one, and `map_merge` makes one of both.

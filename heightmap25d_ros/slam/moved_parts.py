@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A finished loop moves the submaps of a drive; the map that was made with them follows.
+"""Submaps of a drive are moved, as by a loop; the map that was made with them follows.
 
 The map remembers of each cell from which submap it was seen last. Where that one moves, the cell
 goes with it, whatever is in it. Where cells of several submaps come to lie on one another, the

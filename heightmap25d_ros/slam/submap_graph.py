@@ -9,6 +9,7 @@ long as scans are held against it, each submap that begins on it is joined with 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
@@ -135,10 +136,11 @@ class SubmapGraph:
         slam = self._params.slam
         low, high = self.submaps[-1].bounds()
         around = [submap for submap in self.submaps if _meet(submap.bounds(), (low, high))]
+        newest = math.ceil(slam.active_distance / slam.submap_length)  # more where they are short
         dropped = needless(
             [submap.squares() for submap in around],
             [submap.T_map_submap for submap in around],
-            newest=len(self.recent(max(slam.active_distance - slam.submap_length, 0.0))),
+            max(newest, len(self.recent(slam.active_distance - slam.submap_length))),
         )
         for submap, is_dropped in zip(around, dropped, strict=True):
             if is_dropped.any():
@@ -178,7 +180,8 @@ class SubmapGraph:
     def recent(self, distance: float) -> list[MappedCells]:
         """The newest submaps, as far as the drive between them is no longer than a distance [m]."""
         back = np.cumsum([0.0, *reversed(self._lengths)])
-        return list(self.submaps[-int(np.count_nonzero(back <= distance)) :])
+        count = max(int(np.count_nonzero(back <= distance)), 1)
+        return list(self.submaps[-count:])
 
     def candidate(self, T_map_base: se3.Matrix) -> Candidate | None:
         """The nearest of the submaps that are not active, in which a robot at a pose may be."""
