@@ -10,7 +10,9 @@ actions and services by which Nav2 plans. `map_publisher` publishes `map_message
 """
 
 import os
+import sys
 
-# Threads of BLAS wait for work at full load, on matrices that are solved as fast by one of them.
-# It is read when NumPy is imported.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# Threads of BLAS wait for work at full load, on matrices that are solved as fast by one of them. It
+# is read when NumPy is imported; afterwards it would reach child processes alone.
+if "numpy" not in sys.modules:
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

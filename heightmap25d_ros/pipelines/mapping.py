@@ -254,7 +254,7 @@ class Mapping(SensorIntake[Reading]):
     def _move(self, motions: Array) -> None:
         """Move (K, 4, 4) what was seen from each submap."""
         area = self.grid.observed_area()
-        memory.require(area.rows * area.columns * _BYTES_OF_MOVED, "the map, moved with its submaps")
+        memory.require(area.rows * area.columns * _BYTES_OF_MOVED, "the map, moved with submaps")
         height_map = self.grid.read(self.probability_threshold, area)
         layers = None if self._layers is None else self._layers.read(area)
         source = PartedMap(height_map, layers, self._parts.read(area))
