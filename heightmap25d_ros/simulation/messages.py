@@ -92,7 +92,6 @@ def transforms(seconds: float, parent: str, children: Iterable[tuple[str, se3.Ma
 
 def odometry(seconds: float, frame_id: str, T: se3.Matrix, twist: tuple[float, float]) -> Message:
     """An Odometry of base_link; speed [m/s] and turn rate [rad/s] in base_link."""
-    pose = _message("geometry_msgs/msg/Pose", _vector("Point", T[:3, 3]), _quaternion(T))
     motion = _message(
         "geometry_msgs/msg/Twist",
         _vector("Vector3", np.array([twist[0], 0.0, 0.0])),
@@ -102,15 +101,14 @@ def odometry(seconds: float, frame_id: str, T: se3.Matrix, twist: tuple[float, f
         ODOMETRY,
         _header(seconds, frame_id),
         "base_link",
-        _message("geometry_msgs/msg/PoseWithCovariance", pose, np.zeros(36)),
+        _message("geometry_msgs/msg/PoseWithCovariance", _pose(T), np.zeros(36)),
         _message("geometry_msgs/msg/TwistWithCovariance", motion, np.zeros(36)),
     )
 
 
 def correction(seconds: float, frame_id: str, T: se3.Matrix) -> Message:
     """A geometry_msgs/PoseWithCovarianceStamped with the pose (4, 4) of odom; no covariance."""
-    pose = _message("geometry_msgs/msg/Pose", _vector("Point", T[:3, 3]), _quaternion(T))
-    with_covariance = _message("geometry_msgs/msg/PoseWithCovariance", pose, np.zeros(36))
+    with_covariance = _message("geometry_msgs/msg/PoseWithCovariance", _pose(T), np.zeros(36))
     return _message(
         "geometry_msgs/msg/PoseWithCovarianceStamped", _header(seconds, frame_id), with_covariance
     )
@@ -122,14 +120,7 @@ def path(stamp: int, frame_id: str, poses: se3.Matrix) -> Message:
     return _message(
         "nav_msgs/msg/Path",
         header,
-        [
-            _message(
-                "geometry_msgs/msg/PoseStamped",
-                header,
-                _message("geometry_msgs/msg/Pose", _vector("Point", T[:3, 3]), _quaternion(T)),
-            )
-            for T in poses
-        ],
+        [_message("geometry_msgs/msg/PoseStamped", header, _pose(T)) for T in poses],
     )
 
 
@@ -195,6 +186,10 @@ def _header(seconds: float, frame_id: str) -> Message:
     sec, nanosec = divmod(stamp_ns(seconds), 1_000_000_000)
     stamp = _message("builtin_interfaces/msg/Time", sec, nanosec)
     return _message("std_msgs/msg/Header", stamp, frame_id)
+
+
+def _pose(T: se3.Matrix) -> Message:
+    return _message("geometry_msgs/msg/Pose", _vector("Point", T[:3, 3]), _quaternion(T))
 
 
 def _vector(name: str, values: se3.Matrix) -> Message:

@@ -28,7 +28,7 @@ from heightmap25d_ros.grid.height_map import (
     Geometry,
     HeightMap,
 )
-from heightmap25d_ros.kernels import kernel
+from heightmap25d_ros.kernels import inlined_kernel, kernel
 from heightmap25d_ros.localization.layers import NAMES, LayerMap
 from heightmap25d_ros.mapping.sensor_model import Beams
 from heightmap25d_ros.slam.submaps import SubmapCells, cells_of, joined_layers
@@ -115,7 +115,8 @@ def moved(source: PartedMap, motions: Array, within: Geometry) -> PartedMap:
     of_cells = parts[is_used]
     order = np.argsort(of_cells, kind="stable")
     cells, of_cells = cells[order], of_cells[order]
-    target = _hull(geometry, cells, motions[of_cells], within)
+    area = _hull(geometry, cells, motions[of_cells], within)
+    target = geometry.part(area)
     index = np.full(target.shape, -1, np.int64)
     backward = np.stack([se3.inverse(motion) for motion in motions])
     _place(
@@ -124,7 +125,7 @@ def moved(source: PartedMap, motions: Array, within: Geometry) -> PartedMap:
     )  # fmt: skip
     _fill_seams(
         cells, of_cells, motions, geometry.resolution, geometry.origin, target.origin,
-        _in_cells_of(target, geometry, is_used), index,
+        _part_of(is_used, area), index,
     )  # fmt: skip
     flat = np.where(index >= 0, (cells[:, 0] * geometry.shape[1] + cells[:, 1])[index], -1)
     lifts = np.rint(motions[:, 2, 3] / HEIGHT_RESOLUTION).astype(np.int32)
@@ -137,9 +138,7 @@ def moved(source: PartedMap, motions: Array, within: Geometry) -> PartedMap:
     )
 
 
-def _hull(
-    geometry: Geometry, cells: NDArray[np.int64], motions: Array, within: Geometry
-) -> Geometry:
+def _hull(geometry: Geometry, cells: NDArray[np.int64], motions: Array, within: Geometry) -> Area:
     """The cells in which cells (N, 2) can be after their motions (N, 4, 4)."""
     xy = geometry.cell_center(cells)
     xy = np.einsum("nij,nj->ni", motions[:, :2, :2], xy) + motions[:, :2, 3]
@@ -147,18 +146,15 @@ def _hull(
     low, high = reached.min(axis=0) - 1, reached.max(axis=0) + 2
     area = Area(int(low[0]), int(low[1]), int(high[0] - low[0]), int(high[1] - low[1]))
     y, x = (int(index) for index in geometry.cell_at(within.cell_center((0, 0))))
-    return geometry.part(area.within(Area(y, x, *within.shape)))
+    return area.within(Area(y, x, *within.shape))
 
 
-def _in_cells_of(
-    target: Geometry, geometry: Geometry, mask: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
-    """A mask of one rectangle of a grid in the cells of another one; false beyond the first."""
-    y, x = (int(index) for index in target.cell_at(geometry.cell_center((0, 0))))
-    source, whole = Area(y, x, *geometry.shape), Area(0, 0, *target.shape)
-    shared = source.within(whole)
-    found = np.zeros(target.shape, np.bool_)
-    found[shared.slices(whole)] = mask[shared.slices(source)]
+def _part_of(mask: NDArray[np.bool_], area: Area) -> NDArray[np.bool_]:
+    """An area of a mask; false where it is beyond."""
+    whole = Area(0, 0, *mask.shape)
+    shared = whole.within(area)
+    found = np.zeros(area.shape, np.bool_)
+    found[shared.slices(area)] = mask[shared.slices(whole)]
     return found
 
 
@@ -236,11 +232,8 @@ def _place(cells, parts, forward, backward, resolution, corner, target_corner, i
     """
     rows, columns = index.shape
     for k in range(len(cells)):
-        there, back = forward[parts[k]], backward[parts[k]]
-        x = corner[0] + (cells[k, 1] + 0.5) * resolution
-        y = corner[1] + (cells[k, 0] + 0.5) * resolution
-        u = (there[0, 0] * x + there[0, 1] * y + there[0, 3] - target_corner[0]) / resolution
-        v = (there[1, 0] * x + there[1, 1] * y + there[1, 3] - target_corner[1]) / resolution
+        back = backward[parts[k]]
+        u, v = _landed(cells[k], forward[parts[k]], resolution, corner, target_corner)
         for iy in range(max(int(v) - 1, 0), min(int(v) + 2, rows)):
             for ix in range(max(int(u) - 1, 0), min(int(u) + 2, columns)):
                 x = target_corner[0] + (ix + 0.5) * resolution
@@ -249,6 +242,16 @@ def _place(cells, parts, forward, backward, resolution, corner, target_corner, i
                 source_y = (back[1, 0] * x + back[1, 1] * y + back[1, 3] - corner[1]) / resolution
                 if np.floor(source_x) == cells[k, 1] and np.floor(source_y) == cells[k, 0]:
                     index[iy, ix] = k
+
+
+@inlined_kernel
+def _landed(cell, motion, resolution, corner, target_corner):
+    """Where the middle of a cell is after its motion, in cells of the target: column, row."""
+    x = corner[0] + (cell[1] + 0.5) * resolution
+    y = corner[1] + (cell[0] + 0.5) * resolution
+    u = (motion[0, 0] * x + motion[0, 1] * y + motion[0, 3] - target_corner[0]) / resolution
+    v = (motion[1, 0] * x + motion[1, 1] * y + motion[1, 3] - target_corner[1]) / resolution
+    return u, v
 
 
 @kernel
@@ -263,11 +266,7 @@ def _fill_seams(
     nearest = np.full(index.shape, np.inf)
     is_gap = was_known & (index < 0)
     for k in range(len(cells)):
-        there = motions[parts[k]]
-        x = corner[0] + (cells[k, 1] + 0.5) * resolution
-        y = corner[1] + (cells[k, 0] + 0.5) * resolution
-        u = (there[0, 0] * x + there[0, 1] * y + there[0, 3] - target_corner[0]) / resolution
-        v = (there[1, 0] * x + there[1, 1] * y + there[1, 3] - target_corner[1]) / resolution
+        u, v = _landed(cells[k], motions[parts[k]], resolution, corner, target_corner)
         for iy in range(max(int(v) - 1, 0), min(int(v) + 2, rows)):
             for ix in range(max(int(u) - 1, 0), min(int(u) + 2, columns)):
                 apart = max(abs(ix + 0.5 - u), abs(iy + 0.5 - v))

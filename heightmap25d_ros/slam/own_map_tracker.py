@@ -443,9 +443,10 @@ class OwnMapTracker:
         Level lasers are held against the last metres as a whole already, and scans on a saved map
         against what does not err with them.
         """
+        if self._laser.is_level or self._is_on_saved:
+            return False
         position, yaw = self._drift.deviation
-        is_held = self._laser.is_level or self._is_on_saved
-        return not is_held and (position > _LOOSE or yaw > _LOOSE_YAW)
+        return position > _LOOSE or yaw > _LOOSE_YAW
 
     def _refine_for_a_while(self) -> None:
         """Refine the last metres together; what was made there moves."""

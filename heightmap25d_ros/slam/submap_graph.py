@@ -249,27 +249,31 @@ class SubmapGraph:
             submap = self.submaps[number]
             submap.T_map_submap = np.asarray(motion @ submap.T_map_submap)
         self.graph.measure_again({number: self.submaps[number].pose for number in moved})
-        along = self.submaps[-1].T_map_submap
+        of_newest = moved[len(self.submaps) - 1]
         if any(edge.distance == 0.0 for edge in self.graph.edges):
-            self._settle()
-        settled = self.submaps[-1].T_map_submap @ se3.inverse(along)
-        return np.asarray(settled @ moved[len(self.submaps) - 1])
+            return np.asarray(self._settle() @ of_newest)
+        return of_newest
 
-    def _settle(self) -> None:
-        """Move all submaps to where they agree."""
+    def _settle(self) -> se3.Matrix:
+        """Move all submaps to where they agree; what moved the newest (4, 4).
+
+        It is told by where the submap is, and not by the robot's pose in it: that comes of all
+        motions before, and what it is off from a rigid one would grow threefold with each.
+        """
+        newest = self.submaps[-1]
+        before = newest.T_map_submap
         self.graph.optimise()
         for submap, pose in zip(self.submaps, self.graph.poses, strict=True):
             submap.move_to(pose)
+        return np.asarray(newest.T_map_submap @ se3.inverse(before))
 
     def close(self, loops: list[Edge]) -> se3.Matrix:
         """Join submaps, and move all of them to where they agree; what moved the newest (4, 4)."""
-        newest = self.submaps[-1]
-        before = newest.T_map_submap @ newest.start
         for loop in loops:
             self.graph.join(loop)
-        self._settle()
+        moved = self._settle()
         self._choose()
-        return np.asarray(newest.T_map_submap @ newest.start @ se3.inverse(before))
+        return moved
 
 
 def _meet(one: tuple[Array, Array], other: tuple[Array, Array]) -> bool:

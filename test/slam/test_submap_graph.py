@@ -61,3 +61,18 @@ def test_a_place_that_was_found_stays_where_it_is_when_the_robot_is_moved():
     after = found.seen_from(moved)
     np.testing.assert_allclose(after.drift @ moved @ robot, drift @ robot)
     np.testing.assert_allclose(after.possible[1] @ moved @ robot, planar(5.0) @ robot)
+
+
+def test_motions_stay_rigid_however_many_loops_are_closed():
+    """The robot's pose goes with each, and the next submap begins at it."""
+    graph = SubmapGraph(Params())
+    robot = planar(0.1, 0.2, 0.3)
+    graph.begin(robot, np.eye(3))
+    for number in range(1, 60):
+        robot = robot @ planar(4.0, 0.0, 0.1)
+        graph.follow(robot, COVARIANCE, 4.0)
+        poses = graph.graph.poses
+        measured = between(poses[0], poses[number]) + (0.05, 0.02, 0.003, 0.0)
+        robot = graph.close([Edge(0, number, measured, 1e4 * np.eye(4), is_loop=True)]) @ robot
+        turn = robot[:3, :3]
+        np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
