@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Localization on a robot's own map, with mapping beside it, over DDS: the CPU time of both nodes.
 
-    python benchmarks/own_map_nodes.py
+    python benchmarks/own_map_nodes.py [BAG]
 
-`bags/room_1` is replayed in real time, two lasers of 361 beams at 37.5 Hz each and odometry at
-50 Hz. Nobody listens to the maps.
+`bags/room_1`, or another drive of the simulator, is replayed in real time: two lasers of 361 beams
+at 37.5 Hz each, and odometry at 50 Hz. Nobody listens to the maps.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ NODES = {
 PATIENCE = 120.0
 
 
-def measure() -> dict[str, float]:
+def measure(bag: Path = BAG) -> dict[str, float]:
     """CPU seconds a second of each node, and whether the robot never knew where it was."""
     os.environ["ROS_DOMAIN_ID"] = str((os.getpid() + 50) % 100 + 1)
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
@@ -56,7 +56,7 @@ def measure() -> dict[str, float]:
             if time.monotonic() > end:
                 raise TimeoutError("the nodes do not answer")
             rclpy.spin_once(node, timeout_sec=0.1)
-        command = [sys.executable, "-m", "heightmap25d_ros.nodes.replay", BAG, "--wait", "60"]
+        command = [sys.executable, "-m", "heightmap25d_ros.nodes.replay", bag, "--wait", "60"]
         topics = ["--topics", "/scan", "/scan_down", "/odom", "/tf_static"]
         before = {name: cpu_seconds(process.pid) for name, process in processes.items()}
         began = time.monotonic()
@@ -80,5 +80,5 @@ def measure() -> dict[str, float]:
 
 
 if __name__ == "__main__":
-    for name, value in measure().items():
+    for name, value in measure(*map(Path, sys.argv[1:2])).items():
         print(f"{name:40} {value:12.4g}")

@@ -5,7 +5,8 @@
 Usage: python studies/measure_slam.py [--bags DIR] [--logs BAG ...] [--only SECTION ...]
                                       [--worlds NAME ...] [--seeds N ...]
 
-Sections: `laps`; `drift`, the same with three times the drift, or with wheels that slip by 15 %;
+Sections: `laps`; `live`, what is told while they are driven, before all poses are refined together;
+`drift`, the same as `laps` with three times the drift, or with wheels that slip by 15 %;
 `laps_merged`, three laps, weaving differently, in one map; `court`, a long loop; `twins`, searches
 for loops where one place looks like another; `logs`; `peers`, KISS-ICP on laps and logs.
 
@@ -70,6 +71,9 @@ NEAR_SIGHTED = with_values(PARAMS, {"slam.active_distance": 8.0})
 WRONG = 1.0
 """Error of a loop [m] that is another place."""
 
+CONFIDENT, SIGMAS = 0.15, 3.0
+"""[m], and standard deviations: a pose that is off by more than both is confidently wrong."""
+
 Poses = tuple[np.ndarray, se3.Matrix]
 Told = Sequence[tuple[int, se3.Matrix]]
 
@@ -88,7 +92,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--bags", type=Path, metavar="DIR", help="where recordings are, or go to")
     parser.add_argument("--logs", nargs="+", type=Path, metavar="BAG", default=(), help="real ones")
-    sections = ("laps", "drift", "laps_merged", "court", "twins", "logs", "peers")
+    sections = ("laps", "live", "drift", "laps_merged", "court", "twins", "logs", "peers")
     parser.add_argument("--worlds", nargs="+", default=WORLDS, help="of laps")
     parser.add_argument("--seeds", nargs="+", type=int, default=(*TUNED, *UNTUNED), help="of laps")
     parser.add_argument("--only", nargs="+", choices=sections, default=sections)
@@ -97,6 +101,7 @@ def main() -> None:
         bags = options.bags or Path(scratch)
         tables = {
             "laps": laps(bags, options.worlds, options.seeds),
+            "live": live_laps(bags, options.worlds, options.seeds),
             "drift": drifting(bags, options.worlds, options.seeds),
             "laps_merged": merged_laps(bags, options.worlds, options.seeds),
             "court": laps(bags, ("court",), options.seeds),
@@ -147,6 +152,45 @@ def lap(label: str, path: Path) -> str:
         f"| {label} | {odometry.rmse:.3f} m | {own.rmse:.3f} m | {own.aligned:.3f} m "
         f"| {own.end:.3f} m | {scores[0]:.3f} | {scores[1]:.3f} | {scores[2]:.3f} "
         f"| {closed(result)} | {result.slam.tracker.unobserved:.1f} m | {seconds / duration:.2f} |"
+    )
+
+
+def live_laps(bags: Path, worlds: Sequence[str], seeds: Sequence[int]) -> Iterator[str]:
+    """Poses that are told while laps are driven, and where submaps are in the end."""
+    yield (
+        "| lap | told: aligned | largest | end | confidently wrong | in the map: aligned | refined "
+        "| CPU s per s |"
+    )
+    yield "|---|---|---|---|---|---|---|---|"
+    for world in worlds:
+        for seed in seeds:
+            yield live_lap(f"`{world}` {seed}", recorded(bags, world, seed))
+
+
+def live_lap(label: str, path: Path) -> str:
+    slam, told, covariances, wheels = Slam(PARAMS), [], [], []
+    with Bag(path) as bag:
+        true = true_poses(bag)
+        began = time.process_time()
+        for step in replayed(bag, slam, "/odom", PARAMS.intake):
+            for reading in step.outcomes:
+                told.append((reading.scan.stamp_ns, slam.tracker.T_map_base))
+                wheels.append(reading.T_map_base[-1])
+                covariances.append(slam.tracker.covariance()[:2, :2])
+        load = (time.process_time() - began) / bag.duration
+    own = error_of(told, true)
+    mapped = [
+        (pose.stamp_ns, pose.T_map_odom @ T)
+        for pose, T in zip(slam.tracker.poses(), wheels, strict=False)
+    ]
+    stamps = np.clip([stamp for stamp, _ in told], true[0][0], true[0][-1])
+    off = (np.array([T for _, T in told]) - interpolate(*true, stamps))[:, :2, 3]
+    squared = np.einsum("ni,nij,nj->n", off, np.linalg.inv(covariances), off)
+    is_wrong = (squared > SIGMAS**2) & (np.hypot(*off.T) > CONFIDENT)
+    return (
+        f"| {label} | {own.aligned:.3f} m | {own.aligned_max:.2f} m | {own.end:.3f} m "
+        f"| {100 * is_wrong.mean():.0f} % | {error_of(mapped, true).aligned:.3f} m "
+        f"| {slam.tracker.refined} | {load:.2f} |"
     )
 
 
