@@ -15,8 +15,10 @@ ordered by 2-opt; it ends at its last place.
 defaults, over the same mapper, planner and controller.
 
 --drift runs it on drifting odometry, with localization in the map under construction
-(``localization.own_map``): errors of the pose, for how long it was confidently wrong, and F1 of the
-blocked transitions of the map, after alignment with the truth.
+(``localization.own_map``): errors of the pose, and for how long it was confidently wrong.
+
+F1 is of the blocked transitions of the map, after alignment with the truth where odometry drifts:
+of each level, where there are two.
 
 The directory (default: out/exploration) gets a JSON line for each run, and a picture of each.
 """
@@ -32,10 +34,11 @@ import numpy as np
 from nearest_frontier import NearestFrontier
 
 from heightmap25d_ros import se3
+from heightmap25d_ros.evaluation.level_error import evaluate_levels
 from heightmap25d_ros.evaluation.map_error import evaluate_map
 from heightmap25d_ros.evaluation.path_drivability import evaluate_path
 from heightmap25d_ros.evaluation.trajectory_error import alignment, planar_errors
-from heightmap25d_ros.evaluation.truth import TrueGround, Truth
+from heightmap25d_ros.evaluation.truth import LevelTruth, TrueGround, Truth
 from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, Geometry
 from heightmap25d_ros.localization.tracking_state import State
 from heightmap25d_ros.params import files
@@ -134,8 +137,7 @@ class Run:
         }
         if record.decision_s:
             found["decision_p95_ms"] = round(1e3 * float(np.percentile(record.decision_s, 95)), 1)
-        if record.told:
-            found |= self.drift()
+        found |= self.drift() if record.told else self.blocked_f1(np.eye(4))
         if self.world.has_decks:
             known = self.known(record.snapshots[-1].height_map)
             found["covered_by_level"] = [
@@ -177,10 +179,6 @@ class Run:
         T_world_map = alignment(told, true)
         away = planar_errors(told, true)[:, 0]
         left = planar_errors(T_world_map @ told, true)[:, 0]
-        height_map, _ = self.explored.mapping.maps()
-        top = truth.tops_at(self.world, height_map.geometry, T_world_map)
-        known = Truth(geometry=height_map.geometry, top=top, seen=top)
-        found = evaluate_map(height_map, self.params.traversability, known)
         return {
             "pose_end_m": round(away[-1], 3),
             "aligned_rmse_m": round(float(np.sqrt(np.mean(left**2))), 3),
@@ -188,7 +186,27 @@ class Run:
             "aligned_end_m": round(left[-1], 3),
             "confidently_wrong_s": self.confidently_wrong(told, se3.inverse(T_world_map) @ true),
             "turned_deg": round(float(np.degrees(se3.yaw(T_world_map))), 2),
-            "blocked_f1": round(found.blocked_transitions.f1 or 0.0, 4),
+            **self.blocked_f1(T_world_map),
+        }
+
+    def blocked_f1(self, T_world_map):
+        """Of the map's blocked transitions, of each level by itself where there are two."""
+        height_map, _ = self.explored.mapping.maps()
+        geometry, terrain = height_map.geometry, self.params.traversability
+        if not self.world.has_decks:
+            top = truth.tops_at(self.world, geometry, T_world_map)
+            known = Truth(geometry=geometry, top=top, seen=top)
+            found = evaluate_map(height_map, terrain, known)
+            return {"blocked_f1": round(found.blocked_transitions.f1 or 0.0, 4)}
+        tops = truth.levels_at(self.world, geometry, T_world_map)
+        nothing = np.full(tops.shape, np.nan)
+        known = LevelTruth(geometry=geometry, top=tops, seen=tops, clearance=nothing)
+        found = evaluate_levels(height_map, self.params.levels, terrain, known)
+        return {
+            "blocked_f1_by_level": [
+                round(level.blocked_transitions.f1 or 0.0, 4)
+                for level in (found.lower, found.upper)
+            ]
         }
 
     def confidently_wrong(self, told, true):

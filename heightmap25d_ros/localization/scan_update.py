@@ -40,7 +40,8 @@ _SLOPE_UNSURE = 0.25  # [m] the same along the gradient of the ground
 _REGULAR = 1e-3  # added to the information, so that it has an inverse
 _NO_GROUND = 1e5  # [m] lowest ground that stands for none
 _NOTHING = -1
-_CONTRADICTED = -2  # something stands where the map has nothing
+_CONTRADICTED = -2  # something is where the map has nothing
+_STANDING = 0.3  # [m] from the ground; less of it is what rough ground looks like from elsewhere
 
 
 class Update(NamedTuple):
@@ -59,7 +60,7 @@ class Update(NamedTuple):
     agreeing : int
         Of these, the ones within 0.1 m of wall or ground.
     contradicted : int
-        Of these, the ones of something that stands where the map has nothing.
+        Of these, the ones of something that stands 0.3 m high or more where the map has nothing.
     residual : float [m]
         Their mean distance from these, at most 0.1 m each.
     """
@@ -332,7 +333,7 @@ def _agreement(at, codes, position, cells):
         if codes[i] >= 0:
             distance = abs(_distance(codes[i], at[i], position, cells))
         else:
-            contradicted += 1
+            contradicted += abs(at[i, 2] - cells[0][int(v), int(u)]) >= _STANDING
         agreeing += distance < FIT
         total += min(distance, FIT)
     return near, known, agreeing, contradicted, total / max(known, 1)

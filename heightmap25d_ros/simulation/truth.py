@@ -244,15 +244,30 @@ def tops_at(world: World, geometry: Geometry, T_world_map: se3.Matrix) -> Array:
     (rows, columns) float64 [m, map]
         Highest points over the cells; NaN where one is not all within the world.
     """
+    return _heights_at(world, geometry, T_world_map, with_overhead=True)
+
+
+def levels_at(world: World, geometry: Geometry, T_world_map: se3.Matrix) -> Array:
+    """The same of each level of a world with decks: (2, rows, columns) float64 [m, map]."""
+    return np.stack([
+        _heights_at(world, geometry, T_world_map, with_overhead=with_overhead)
+        for with_overhead in (False, True)
+    ])  # fmt: skip
+
+
+def _heights_at(
+    world: World, geometry: Geometry, T_world_map: se3.Matrix, *, with_overhead: bool
+) -> Array:
     scene = world.scene()
     scene.set_time(0.0)
     points = _sampled(geometry)
     points = points @ T_world_map[:2, :2].T + T_world_map[:2, 3]
     low, high = np.transpose(world.area)
-    tops = np.full(len(points), np.nan)
+    heights = np.full(len(points), np.nan)
     is_inside = ((points >= low) & (points <= high)).all(axis=1)
-    tops[is_inside] = scene.heights(points[is_inside]) - T_world_map[2, 3]
-    return _over_cells(tops, geometry.shape, np.maximum)
+    found = scene.heights(points[is_inside], with_overhead=with_overhead)
+    heights[is_inside] = found - T_world_map[2, 3]
+    return _over_cells(heights, geometry.shape, np.maximum)
 
 
 def _sampled(geometry: Geometry) -> Array:

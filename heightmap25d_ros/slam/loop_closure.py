@@ -7,8 +7,10 @@ may have led it, by the search that finds every place that fits (`global_search`
 the returns of the last metres are held against walls and ground (`scan_update`), which measures the
 pose to centimetres, and the surroundings against the older ones as two maps are
 (`map_registration`): what the robot sees standing where there was free ground speaks against a
-place, however much of it agrees. So does what stood there and is not seen. That matters most where
-the robot is on ground that it has not seen before, since then it is at none of the places found.
+place, however much of it agrees. So does what stood there and is not seen. Rough ground is full of
+low steps that are seen from one side alone, so only what stands 0.3 m high or more says so. That
+matters most where the robot is on ground that it has not seen before, since then it is at none of
+the places found.
 
 A place counts if it is the only one that fits: the others must be ruled out by what was seen, and
 not by their rank. One such place may still be chance: it is joined when it is the only one again

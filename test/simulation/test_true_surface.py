@@ -10,7 +10,7 @@ import pytest
 from heightmap25d_ros import se3
 from heightmap25d_ros.grid.height_map import Geometry
 from heightmap25d_ros.simulation import recording
-from heightmap25d_ros.simulation.truth import RESOLUTION, Surface, tops_at
+from heightmap25d_ros.simulation.truth import RESOLUTION, Surface, levels_at, tops_at
 
 
 @pytest.fixture(scope="module")
@@ -39,3 +39,16 @@ def test_a_turned_map_has_them_turned_and_nothing_beyond_the_world(world):
     assert (np.abs(inside - expected) < 0.02).mean() > 0.99
     beyond = Geometry(resolution=RESOLUTION, origin=(0.0, 1.0), shape=(4, 4))
     assert np.isnan(tops_at(world, beyond, T_world_map)).all()
+
+
+def test_levels_are_the_ground_below_decks_and_the_tops_of_all():
+    garage = recording.world_of("garage", 1)
+    surface = Surface(garage)
+    geometry = Geometry(resolution=RESOLUTION, origin=surface.origin, shape=surface.shape)
+    top, ground, clearance = surface.heights(0.0)
+    lower, upper = levels_at(garage, geometry, np.eye(4))
+    np.testing.assert_array_equal(upper, top)
+    np.testing.assert_array_equal(lower, ground)
+    is_below = np.isfinite(clearance)
+    assert (upper > lower + 1.0)[is_below].mean() > 0.9
+    np.testing.assert_array_equal(upper[~is_below], lower[~is_below])

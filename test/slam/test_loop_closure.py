@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from heightmap25d_ros import se3
+from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.localization.registration import Reason
 from heightmap25d_ros.mapping.sensor_model import Beams
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.slam.loop_closure import LoopSearch, query_of, same_drift
+from heightmap25d_ros.slam.map_registration import RegisteredMap, agreement
 from heightmap25d_ros.slam.submaps import Submap
 
 PARAMS = Params()
@@ -109,3 +111,18 @@ def test_a_loop_that_waits_is_ruled_out_by_what_stands_there():
     found, _ = searched(crates=[], seen=[3.0, 4.5], x=5.0, waiting=DRIFT)
     assert found.reason is Reason.HIGH_RESIDUAL
     assert not found.possible
+
+
+@pytest.mark.parametrize(("height", "is_contradicted"), [(0.2, False), (0.4, True)])
+def test_what_stands_where_nothing_was_contradicts_from_30_cm_on(height, is_contradicted):
+    # Less is what rough ground looks like, seen from elsewhere.
+    flat = np.zeros((32, 32))
+    with_box = flat.copy()
+    with_box[14:18, 14:18] = height
+    first, second = (
+        RegisteredMap(HeightMap.from_metres(metres, resolution=0.125), None, PARAMS)
+        for metres in (flat, with_box)
+    )
+    found = agreement(np.eye(4), first, second, PARAMS)
+    assert (found.walls, found.agreeing) == (16, 0)
+    assert found.contradicted == (16 if is_contradicted else 0)
