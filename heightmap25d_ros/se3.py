@@ -91,6 +91,13 @@ def correction_about(pose: Matrix, shift: ArrayLike, yaw: float) -> Matrix:
     return turn
 
 
+def tilt_about(pose: Matrix, tilt: ArrayLike) -> Matrix:
+    """The motion (4, 4) that tilts a pose (4, 4), where it is, by (2,) [rad] about x and y."""
+    turn = from_xyz_rpy([0.0, 0.0, 0.0, *np.asarray(tilt), 0.0])
+    turn[:3, 3] = pose[:3, 3] - turn[:3, :3] @ pose[:3, 3]
+    return turn
+
+
 def _stack(values: ArrayLike, size: int) -> Matrix:
     """Numbers (..., size) as kernels take them."""
     stack = np.ascontiguousarray(values, dtype=np.float64)

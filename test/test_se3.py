@@ -86,6 +86,14 @@ def test_a_correction_shifts_a_pose_and_turns_it_on_the_spot(pose, yaw):
     np.testing.assert_allclose(corrected[:3, :3], turned.as_matrix(), atol=1e-9)
 
 
+@given(poses, st.floats(-0.1, 0.1), st.floats(-0.1, 0.1))
+def test_a_pose_is_tilted_where_it_is(pose, roll, pitch):
+    tilted = se3.tilt_about(pose, (roll, pitch)) @ pose
+    np.testing.assert_allclose(tilted[:3, 3], pose[:3, 3], atol=1e-9)
+    turned = Rotation.from_euler("xy", [roll, pitch]) * Rotation.from_matrix(pose[:3, :3])
+    np.testing.assert_allclose(tilted[:3, :3], turned.as_matrix(), atol=1e-9)
+
+
 @given(poses)
 def test_quaternions_round_trip(pose):
     back = se3.from_quaternion(pose[:3, 3], se3.to_quaternion(pose))

@@ -13,6 +13,9 @@ from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.params.sections import Params
 
+TILT_LENGTH = 0.3
+"""Way [m] over which errors of roll and pitch persist."""
+
 
 @dataclass(eq=False, slots=True, kw_only=True)
 class OdometryErrors:

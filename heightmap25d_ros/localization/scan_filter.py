@@ -18,13 +18,14 @@ from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.localization.growing_map import LEAST_KNOWN, GrowingMapUpdate
 from heightmap25d_ros.localization.landmarks import Landmarks
-from heightmap25d_ros.localization.odometry_errors import Motion, OdometryErrors
+from heightmap25d_ros.localization.odometry_errors import TILT_LENGTH, Motion, OdometryErrors
 from heightmap25d_ros.localization.registration import Reason, Registration, rejected
 from heightmap25d_ros.localization.scan_update import FIT, Update, update_by_returns
 from heightmap25d_ros.params.sections import Params
 
 _X, _Y, _YAW, _Z, _SLIP, _SCALE, _TURN, _BIAS = range(8)
 _POSE = np.s_[:4]
+_TILT = np.s_[4:6]  # of the error of an update
 _PLANAR = np.ix_((_X, _Y, _YAW), (_X, _Y, _YAW))
 _RADIAN = 0.5  # [m] of distance that turning by a radian drifts like
 _FORGETTING = 1e-4  # share of a constant's prior variance that a metre adds to its variance
@@ -62,6 +63,9 @@ class ScanFilter:
     Attributes
     ----------
     T_map_odom
+    tilt : (2,) float64 [rad]
+        To be added to roll and pitch of the odometry, about the axes x and y of the map, as the
+        last update told; it fades with the way.
     """
 
     def __init__(
@@ -78,6 +82,7 @@ class ScanFilter:
         self._turn_variance = errors.turn_variance
         self._turned = 0.0  # [rad] since the last update
         self._T_odom_used: se3.Matrix | None = None  # at the last update that moved the pose
+        self.tilt = np.zeros(2)
         self._is_settling = False
         self._growing = GrowingMapUpdate()
 
@@ -116,6 +121,7 @@ class ScanFilter:
         distance = float(np.hypot(dx, dy))
         kept = np.exp(-distance / self._params.scan_filter.slip_length)
         change[_SLIP, _SLIP] = kept
+        self.tilt = self.tilt * np.exp(-(distance + _RADIAN * abs(motion.turn)) / TILT_LENGTH)
         shift, yaw = motion.error(self._mean)
         self._mean[0] *= kept
         self._covariance = change @ self._covariance @ change.T
@@ -176,7 +182,7 @@ class ScanFilter:
         of_pose = np.asarray(np.linalg.inv(precision + found.information))
         self._learn_turns(found.error[_YAW], of_pose[_YAW, _YAW])
         self._correct(found.error[_POSE], of_pose, precision, T_odom_base)
-        self._T_odom_used = T_odom_base
+        self._T_odom_used, self.tilt = T_odom_base, found.error[_TILT]
 
     def _moved_otherwise(
         self, returns: Array, T_odom_base: se3.Matrix, landmarks: Landmarks, least_fit: float

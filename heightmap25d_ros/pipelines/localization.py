@@ -219,14 +219,21 @@ class Localizer(SensorIntake[Attempt]):
 
     @property
     def pose(self) -> Pose | None:
-        """Where the robot is; None before the first odometry."""
+        """Where the robot is; None before the first odometry.
+
+        On its own map with roll and pitch as the map tells them, so that what is mapped at this
+        pose is as level as the map.
+        """
         if self._odometry is None:
             return None
+        T_map_odom, own = self._smooth.T_map_odom, self._tracker
+        if isinstance(own, OwnMapLocalization):
+            T_map_odom = se3.tilt_about(T_map_odom @ self._odometry.T, own.tilt) @ T_map_odom
         return Pose(
             stamp_ns=self._odometry.stamp_ns,
             odom_frame=self._odometry.frame_id,
-            T_map_odom=self._smooth.T_map_odom,
-            T_map_base=self._smooth.T_map_odom @ self._odometry.T,
+            T_map_odom=T_map_odom,
+            T_map_base=T_map_odom @ self._odometry.T,
             covariance=self._told_covariance(),
         )
 

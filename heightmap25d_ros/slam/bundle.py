@@ -22,6 +22,7 @@ from scipy import linalg
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
+from heightmap25d_ros.localization.odometry_errors import TILT_LENGTH
 from heightmap25d_ros.params.sections import ScanFilterParams
 from heightmap25d_ros.slam.contacts import contacts_of
 from heightmap25d_ros.slam.edges import add_edges
@@ -46,7 +47,6 @@ _START = (1e-3, 1e-3, 1e-3, 1e-3)  # [m], [m], [rad], [m] deviation of the first
 _RADIAN = 0.5  # [m] of distance that turning by a radian drifts like
 _LEAST_VARIANCE = 1e-9
 _HEIGHT_NOISE = 0.05  # [m] of the robot above the ground, from what is thought at first
-_TILT_LENGTH = 0.3  # [m] over which errors of roll and pitch persist
 _X, _Y, _YAW, _Z, _ROLL, _PITCH, _SLIP = range(STATES)
 _MOVED = [_X, _Y, _Z]
 _HEIGHT, _SCALE, _TURN_SCALE, _BIAS = range(4)  # what all poses have in common; the others: unused
@@ -358,7 +358,7 @@ class Stretch:
         moved = np.diff(positions, axis=0)
         turned = np.diff(yaw) - turn * (1.0 + turn_scale) - bias * forward
         roll, pitch = self._errors[:, _ROLL], self._errors[:, _PITCH]
-        stays = np.exp(-distance / _TILT_LENGTH)
+        stays = np.exp(-distance / TILT_LENGTH)
         residual = np.column_stack([
             moved[:, 0] - told * dx, moved[:, 1] - told * dy,
             np.angle(np.exp(1j * turned)), moved[:, 2] - told * climb, slip[1:] - kept * slip[:-1],

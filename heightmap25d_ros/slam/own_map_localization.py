@@ -95,6 +95,11 @@ class OwnMapLocalization:
         own = self._own
         return own.begun_ns, len(own.submaps), own.loops_closed + own.refined
 
+    @property
+    def tilt(self) -> Array:
+        """(2,) [rad]: to be added to roll and pitch of the odometry, see `ScanFilter`."""
+        return self._own.estimate.tilt if self._finder is None else np.zeros(2)
+
     def submap_poses(self) -> Array:
         """(K, 4, 4): the robot in the map at the beginning of each submap."""
         return np.array([s.T_map_submap @ s.start for s in self._own.submaps]).reshape(-1, 4, 4)

@@ -380,13 +380,16 @@ class OwnMapTracker:
         return np.asarray(T_submap_map @ self.estimate.T_map_odom)
 
     def _insert(self) -> None:
-        """Insert the scans that wait, at the pose as it is now."""
+        """Insert the scans that wait, at the pose as it is now, and with its tilt."""
         T_submap_odom = self._T_submap_odom()
+        tilting = se3.tilt_about(self.T_map_base, self.estimate.tilt)
+        T_submap_map = se3.inverse(self.submaps[-1].T_map_submap)
+        tilted = T_submap_map @ tilting @ self.estimate.T_map_odom
         covariance = self._drift.covariance[:3, :3]
         is_sure = not self._is_contradicted or self.distance - self._agreed > _IN_DOUBT
         for waiting in self._waiting:
             if is_sure:
-                self.submaps[-1].integrate(waiting.beams.moved(T_submap_odom), self.distance)
+                self.submaps[-1].integrate(waiting.beams.moved(tilted), self.distance)
             if self._is_recording:
                 self.placed.append(Placed(
                     waiting.stamp_ns, waiting.T_odom_base, waiting.T_odom_wheels,

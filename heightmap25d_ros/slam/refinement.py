@@ -137,7 +137,7 @@ def _between_keyframes(tracker: OwnMapTracker, found: Refined) -> list[ScanPose]
         one, other = found.T_map_odom[[k, j]] @ placed.T_odom_base
         T_map_base = _partly(one, other, part)
         T_map_odom = T_map_base @ se3.inverse(placed.T_odom_base)
-        T_map_odom = _tilted(T_map_base, tilt) @ T_map_odom @ placed.T_odom_wheels
+        T_map_odom = se3.tilt_about(T_map_base, tilt) @ T_map_odom @ placed.T_odom_wheels
         poses.append(ScanPose(placed.stamp_ns, T_map_odom, placed.is_sure))
     return poses
 
@@ -146,13 +146,6 @@ def _partly(one: se3.Matrix, other: se3.Matrix, part: float) -> se3.Matrix:
     """The pose (4, 4) that is a part of the way from one to another one, which is not far."""
     turn = part * se3.yaw(other @ se3.inverse(one))
     return np.asarray(se3.correction_about(one, part * (other - one)[:3, 3], turn) @ one)
-
-
-def _tilted(T_map_base: se3.Matrix, tilt: Array) -> se3.Matrix:
-    """The motion (4, 4) that tilts a pose (4, 4) by angles (2,) [rad] about x and y."""
-    turn = se3.from_xyz_rpy([0.0, 0.0, 0.0, *tilt, 0.0])
-    turn[:3, 3] = T_map_base[:3, 3] - turn[:3, :3] @ T_map_base[:3, 3]
-    return turn
 
 
 def _distances(T_odom_base: se3.Matrix) -> Array:

@@ -109,6 +109,23 @@ def test_a_tilt_of_the_odometry_is_not_taken_for_height_or_place(room):
     assert np.abs(error[:3]).max() < 0.012
 
 
+def test_a_tilt_of_the_odometry_is_told_and_fades_with_the_way(room):
+    """It is of the moment: the next error of roll and pitch is another one."""
+    true = se3.from_xyz_rpy([0.3, 0.1, 0.0, 0.006, -0.008, 0.4])
+    level = se3.from_xyz_rpy([0.3, 0.1, 0.0, 0.0, 0.0, 0.4])
+    returns = seen_from(true, ROOM, count=8000)
+    estimate = estimate_at(level)
+    estimate.update(returns, np.eye(4), room)
+    told = se3.tilt_about(estimate.T_map_odom, estimate.tilt) @ estimate.T_map_odom
+    np.testing.assert_allclose(se3.to_xyz_rpy(told)[3:5], (0.006, -0.008), atol=0.0015)
+    before, tilt = np.eye(4), np.abs(estimate.tilt)
+    for x in (0.3, 0.6, 0.9):
+        after = se3.from_xyz_rpy([x, 0.0, 0.0, 0.0, 0.0, 0.0])
+        estimate.predict(before, after)
+        assert (np.abs(estimate.tilt) < 0.5 * tilt).all()
+        before, tilt = after, np.abs(estimate.tilt)
+
+
 def test_along_a_corridor_nothing_is_told(corridor):
     returns = seen_from(np.eye(4), CORRIDOR)
     found = scan_update.update_by_returns(
