@@ -24,6 +24,8 @@ from heightmap25d_ros.pipelines.localization import Localizer
 from heightmap25d_ros.pipelines.mapping import Mapping
 from heightmap25d_ros.pipelines.replay import feed
 from heightmap25d_ros.pose_interpolation import interpolate
+from heightmap25d_ros.simulation import recording
+from heightmap25d_ros.simulation.simulation import Simulation
 
 OWN = with_values(PARAMS, {"localization.own_map": True})
 
@@ -46,6 +48,32 @@ def test_the_robot_is_where_it_says_on_the_map_that_it_makes(start, driven):
     assert driven.states[-1] is State.TRACKING
     told = np.sqrt(np.linalg.eigvalsh(driven.localizer.pose.covariance[:2, :2])[-1])
     assert error[-1] < 4.0 * told
+
+
+@pytest.mark.slow
+def test_roll_and_pitch_are_told_as_the_map_has_them():
+    """The odometry's err by 0.3 degrees: of flat ground ahead that makes steps of centimetres."""
+    noise = recording.noise_of(noise_free=False, true_odometry=False)
+    mounted = recording.mounted_sensors(12.5)
+    simulation = Simulation(recording.world_of("ramp", 1), 1, noise, mounted, step=0.02)
+    localizer, told, alone, true = Localizer(OWN), [], [], []
+    events = simulation.begin()
+    while simulation.seconds < 25.0:
+        for event in events:
+            feed(localizer, event.topic, event.message)
+            if event.topic == "/odom" and simulation.seconds > 12.0:  # it has turned around once
+                told.append(localizer.pose.T_map_base)
+                alone.append(decode.odometry(event.message).T)
+                true.append(simulation.robot.T)
+        events = simulation.step(0.0, 0.6)
+    own, of_odometry = (
+        np.sqrt(np.mean(np.square(tilt_of(poses) - tilt_of(true)))) for poses in (told, alone)
+    )
+    assert own < 0.85 * of_odometry
+
+
+def tilt_of(poses):
+    return se3.to_xyz_rpy(np.array(poses))[:, 3:5]
 
 
 @pytest.mark.slow
