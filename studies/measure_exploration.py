@@ -85,10 +85,10 @@ class Run:
         )
         self.simulation = simulation
         self.params, self.task = params, task
-        localizer = None
+        self.localizer = None
         if has_drift:
-            localizer = Localizer(own_map_params(params.intake.scan_topics))
-        self.explored = SimulatedExploration(simulation, params, task, explorer, localizer)
+            self.localizer = Localizer(own_map_params(params.intake.scan_topics))
+        self.explored = SimulatedExploration(simulation, params, task, explorer, self.localizer)
         self.height, self.reachable, _ = full_knowledge_tour.reachable_ground(self.world)
         self.geometry = Geometry(
             resolution=truth.RESOLUTION, origin=(x0, y0), shape=self.reachable.shape[1:]
@@ -170,7 +170,8 @@ class Run:
         """Errors of the told poses, and of the map against the true heights.
 
         Aligned is what is left after the shift and the yaw that bring the poses nearest to the
-        true ones: the frame of a robot's own map begins as its first scans were seen.
+        true ones: the frame of a robot's own map begins as its first scans were seen. The map is
+        aligned by where its submaps are in the end, since these have moved after poses were told.
         """
         record = self.explored.record
         stamps = np.array([pose.stamp_ns for pose, _ in record.told])
@@ -186,7 +187,9 @@ class Run:
             "aligned_end_m": round(left[-1], 3),
             "confidently_wrong_s": self.confidently_wrong(told, se3.inverse(T_world_map) @ true),
             "turned_deg": round(float(np.degrees(se3.yaw(T_world_map))), 2),
-            **self.blocked_f1(T_world_map),
+            **self.blocked_f1(
+                alignment(self.localizer.submap_poses(), np.array(record.submap_starts))
+            ),
         }
 
     def blocked_f1(self, T_world_map):

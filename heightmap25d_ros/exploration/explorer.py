@@ -36,6 +36,9 @@ GIVEN_UP_RADIUS = 0.6
 OPENING = 0.25
 """Of ``min_gain``: so much of a way to new ground must a place show, to be worth the way."""
 
+AGAIN = 2.0
+"""Of the way that the robot sees: so far it goes to look again for what it has missed from afar."""
+
 LEDGE = 3.0
 """Known cells that are higher than the ground beside them by so many steps are no ground."""
 
@@ -106,23 +109,29 @@ class Explorer:
 
         Where there is none, what was looked for in vain, and may be seen from elsewhere, counts as
         well for places that are as near as the robot sees. Then what opens ways to ``min_gain`` of
-        new ground.
+        new ground; and at last what was missed from afar, to be seen from near.
         """
         least = self._params.exploration.min_gain
-        choice = self._best(_with_slices([s.restricted(s.fresh) for s in survey.slices]), least)
+        offered = [part for part in survey.slices if not part.is_missed]
+        choice = self._best(_with_slices([s.restricted(s.fresh) for s in offered]), least)
         if choice.goal is None:
-            certain = _with_slices([s.restricted(s.certain) for s in survey.slices])
+            certain = _with_slices([s.restricted(s.certain) for s in offered])
             choice = self._best(certain, least, farthest=self._params.exploration.sight)
         if choice.goal is not None:
             return choice
         opened = self._opened(survey)
-        if not any(part.scenery.wanted.any() for part in opened):
-            return choice
-        return self._best(_with_slices(opened), OPENING * least)
+        if any(part.scenery.wanted.any() for part in opened):
+            choice = self._best(_with_slices(opened), OPENING * least)
+        missed = [part for part in survey.slices if part.is_missed]
+        if choice.goal is None and missed:
+            farthest = AGAIN * self._params.exploration.sight
+            choice = self._best(_with_slices(missed), least, farthest)
+        return choice
 
     def _opened(self, survey: Survey) -> list[Survey]:
         """What opens ways; obstacles that are doubted have to be seen from near."""
-        return [self._opened_in(part) for part in survey.slices if not part.is_beyond_edges]
+        parts = [part for part in survey.slices if not part.is_missed]
+        return [self._opened_in(part) for part in parts if not part.is_beyond_edges]
 
     def _opened_in(self, survey: Survey) -> Survey:
         doubted = survey.scenery.wanted & ~survey.certain

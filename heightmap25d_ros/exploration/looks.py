@@ -34,6 +34,7 @@ class Looks:
         self._count = np.zeros((0, 0), np.int16)
         self._height = np.zeros((0, 0), np.float32)  # [m] of the cells then
         self._is_from_below = np.zeros((0, 0), np.bool_)  # all of the looks
+        self._is_from_afar = np.zeros((0, 0), np.bool_)  # likewise
         self._geometry: Geometry | None = None
 
     def forget(self) -> None:
@@ -60,6 +61,7 @@ class Looks:
             is_near = one.scenery.reach * survey.geometry.resolution <= NEAR_LOOK
             is_excused = (_ground_before(one, missed) > eye - RISE) & (not is_near)
             self._is_from_below[at] = is_excused & (is_first | self._is_from_below[at])
+            self._is_from_afar[at] = (away >= NEAR_LOOK) & (is_first | self._is_from_afar[at])
 
     def from_below(self, geometry: Geometry) -> NDArray[np.bool_]:
         """(rows, columns): what was looked for in vain only from below.
@@ -68,6 +70,11 @@ class Looks:
         """
         self.of(geometry)
         return self._is_from_below
+
+    def from_afar(self, geometry: Geometry) -> NDArray[np.bool_]:
+        """(rows, columns): what was looked for in vain only from afar."""
+        self.of(geometry)
+        return self._is_from_afar
 
     def of(
         self, geometry: Geometry, height: NDArray[np.float32] | None = None
@@ -82,9 +89,9 @@ class Looks:
             Looks at other heights than these do not count.
         """
         if self._geometry != geometry:
-            self._count, self._height, self._is_from_below = (
+            self._count, self._height, self._is_from_below, self._is_from_afar = (
                 _moved(kept, self._geometry, geometry)
-                for kept in (self._count, self._height, self._is_from_below)
+                for kept in (self._count, self._height, self._is_from_below, self._is_from_afar)
             )
             self._geometry = replace(geometry)
         if height is None:

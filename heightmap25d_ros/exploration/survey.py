@@ -50,6 +50,8 @@ class Survey:
         Of what is wanted, what does not lie behind obstacles that are doubted.
     is_beyond_edges : bool
         Whether what is wanted is where another level is known; see `unseen_decks`.
+    is_missed : bool
+        Whether what is wanted was looked for in vain, only from afar: it counts at last.
     others : tuple of Survey
         Of the other slices.
     """
@@ -63,6 +65,7 @@ class Survey:
     fresh: NDArray[np.bool_]
     certain: NDArray[np.bool_]
     is_beyond_edges: bool = False
+    is_missed: bool = False
     others: tuple[Survey, ...] = ()
 
     @property
@@ -88,7 +91,8 @@ class Survey:
     @property
     def wanted_area(self) -> float:
         """Of the unknown that matters [m^2]."""
-        return self.cell_area * sum(float(s.scenery.wanted.sum()) for s in self.slices)
+        offered = [one.scenery.wanted for one in self.slices if not one.is_missed]
+        return self.cell_area * sum(float(wanted.sum()) for wanted in offered)
 
     def cell_of(self, place: Pose2D) -> Cell:
         """The cell of a place, which may lie outside of the map."""

@@ -73,7 +73,7 @@ class Surveyor:
         doubted = self._in_doubt(survey, height_map)
         no_decks = np.zeros(height_map.geometry.shape, np.bool_)
         beyond = self._beyond_edges(survey, [doubted], no_decks)
-        return _with_others([doubted, *beyond, *self._missed_from_below(survey)])
+        return _with_others([doubted, *beyond, *self._missed(survey)])
 
     def _in_doubt(self, survey: Survey, height_map: HeightMap) -> Survey:
         """The same, with what lies behind ground that the robot might come to after all.
@@ -126,19 +126,27 @@ class Surveyor:
             surveys.append(replace(_without_those(survey, surveys), counted=counted))
         for number, survey in zip(order, surveys.copy(), strict=True):
             surveys += self._beyond_edges(survey, surveys, decks(levels.layers[number]))
-            surveys += self._missed_from_below(survey)
+            surveys += self._missed(survey)
         return _with_others(surveys)
 
-    def _missed_from_below(self, survey: Survey) -> list[Survey]:
-        """What was looked for in vain only from below, for those who are high enough to see it.
+    def _missed(self, survey: Survey) -> list[Survey]:
+        """What was looked for in vain only from below; and what only from afar.
 
         While obstacles are doubted.
         """
-        is_from_below = self._looks.from_below(survey.geometry)
-        if not (self.is_doubting and is_from_below.any()):
+        if not self.is_doubting:
+            return []
+        geometry = survey.geometry
+        from_below = self._missed_where(survey, self._looks.from_below(geometry))
+        from_afar = self._missed_where(survey, self._looks.from_afar(geometry))
+        return [*from_below, *(replace(one, is_missed=True) for one in from_afar)]
+
+    def _missed_where(self, survey: Survey, is_excused: Mask) -> list[Survey]:
+        """What was looked for in vain in some cells, for those who are high enough to see it."""
+        if not is_excused.any():
             return []
         geometry, scenery = survey.geometry, survey.scenery
-        looks = np.where(is_from_below, np.int16(0), self._looks.of(geometry))
+        looks = np.where(is_excused, np.int16(0), self._looks.of(geometry))
         touched = self._touched(scenery.known, survey.occupied, survey.costs, geometry)
         height, allowed = scenery.height.copy(), self.inside(geometry) & (looks == 0)
         depth = self._params.exploration.frontier_depth / geometry.resolution

@@ -52,6 +52,8 @@ class Record:
         CPU time of each turn of the exploration that looked over the map.
     told : list of (Pose, State)
         The poses that localization told, and how sure it was of them.
+    submap_starts : list of (4, 4) float64
+        The true poses of the robot where localization began its submaps.
     """
 
     trajectory: list[tuple[int, se3.Matrix]] = field(default_factory=list)
@@ -61,6 +63,7 @@ class Record:
     refused: int = 0
     decision_s: list[float] = field(default_factory=list)
     told: list[tuple[Pose, LocalizationState]] = field(default_factory=list)
+    submap_starts: list[se3.Matrix] = field(default_factory=list)
 
 
 class SimulatedExploration:
@@ -169,6 +172,10 @@ class SimulatedExploration:
             self._map_version = localizer.map_version
             begun_ns, poses = self._map_version[0], localizer.submap_poses()
             self.mapping.take_submaps(messages.path(begun_ns, frame, poses))
+            # A submap began some moments ago, and the robot has hardly moved since.
+            T_true_map = self._simulation.robot.T @ se3.inverse(localizer.pose.T_map_base)
+            newest = poses[len(self.record.submap_starts) :]
+            self.record.submap_starts += list(T_true_map @ newest)
         correction = messages.correction(seconds, frame, localizer.pose.T_map_odom)
         for pipeline in (self.mapping, self._planning, self._following, self.exploration):
             pipeline.take_correction(correction)

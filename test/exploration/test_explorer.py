@@ -197,6 +197,29 @@ def test_a_ramp_that_was_looked_for_from_its_foot_is_driven_up_before_the_end():
     assert explorer.choose(explorer.survey(shown, far)).goal is None
 
 
+def test_a_way_on_that_was_missed_from_afar_is_looked_at_from_near_before_the_end():
+    """Two looks from 4 m show little of what a rise hides; half a place may lie behind it."""
+    height = room(30.0, 4.0)
+    height[at(height, (16.0, 29.75), (0.25, 3.75))] = np.nan
+    shown = HeightMap.from_metres(height, resolution=CELL)
+    explorer, place, near = Explorer(Params()), Pose2D(12.4, 2.0), Pose2D(8.0, 2.0)
+    for _ in range(4):
+        explorer.note_look(explorer.survey(shown, place))
+    assert explorer.choose(explorer.survey(shown, near)).goal is None
+    explorer.doubt_obstacles()
+    assert explorer.choose(explorer.survey(shown, Pose2D(2.0, 2.0))).goal is None
+    goal = explorer.choose(explorer.survey(shown, near)).goal
+    assert goal is not None
+    assert 13.0 < goal.x < 16.0
+    for _ in range(3):  # what one look leaves wanted beside it is looked at as well
+        survey = explorer.survey(shown, near)
+        goal = explorer.choose(survey).goal
+        if goal is None:
+            break
+        explorer.note_look(explorer.survey(shown, replace(goal, yaw=0.0)))
+    assert explorer.choose(explorer.survey(shown, near)).goal is None
+
+
 def test_the_gain_is_what_a_full_turn_shows():
     height = room(10.0, 6.0)
     height[at(height, (6.0, 6.25), (2.0, 4.0))] = WALL
