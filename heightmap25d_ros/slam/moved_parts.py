@@ -29,12 +29,12 @@ from heightmap25d_ros.grid.height_map import (
     Geometry,
     HeightMap,
 )
-from heightmap25d_ros.kernels import kernel
+from heightmap25d_ros.kernels import inlined_kernel, kernel
 from heightmap25d_ros.localization.layers import NAMES, LayerMap
 from heightmap25d_ros.mapping.sensor_model import Beams
 from heightmap25d_ros.slam.submaps import SubmapCells, cells_of, joined_layers
 
-_GAP = 2  # [cells] from either side of a gap that is filled
+_GAP = 1  # [cells] from either side of a gap that is filled
 
 FIXED = 0
 """Number of what was not seen from any submap, and does not move."""
@@ -124,7 +124,10 @@ def moved(source: PartedMap, motions: Array, within: Geometry) -> PartedMap:
         cells, of_cells, motions, backward, geometry.resolution, geometry.origin, target.origin,
         index,
     )  # fmt: skip
-    index = _without_gaps(index, _part_of(is_used, area))
+    _fill_gaps(
+        cells, of_cells, motions, geometry.resolution, geometry.origin, target.origin,
+        _gaps(index, _part_of(is_used, area)), index,
+    )  # fmt: skip
     flat = np.where(index >= 0, (cells[:, 0] * geometry.shape[1] + cells[:, 1])[index], -1)
     lifts = np.rint(motions[:, 2, 3] / HEIGHT_RESOLUTION).astype(np.int32)
     placed = np.where(index >= 0, of_cells[index], FIXED).astype(np.uint32)
@@ -156,18 +159,15 @@ def _part_of(mask: NDArray[np.bool_], area: Area) -> NDArray[np.bool_]:
     return found
 
 
-def _without_gaps(index: NDArray[np.int64], was_known: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """The cells that parts have left as they moved apart get the newest cell beside them.
+def _gaps(index: NDArray[np.int64], was_known: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(rows, columns): the cells that parts have left as they moved apart.
 
-    Parts are interleaved, and what is torn between them is not unknown. Nothing is filled that was
-    not known before, nor at the edge of all parts.
+    Parts are interleaved, and what is torn between them is not unknown. Nothing is a gap that was
+    not known before, nor what lies at the edge of all parts.
     """
     around, margin = np.ones((2 * _GAP + 1, 2 * _GAP + 1), np.bool_), 2 * _GAP
     closed = ndimage.binary_closing(np.pad(index >= 0, margin), around)
-    is_gap = was_known & (index < 0) & closed[margin:-margin, margin:-margin]
-    for _ in range(_GAP):
-        index = np.where(is_gap & (index < 0), ndimage.maximum_filter(index, 3), index)
-    return index
+    return np.asarray(was_known & (index < 0) & closed[margin:-margin, margin:-margin])
 
 
 def _filled(
@@ -245,11 +245,7 @@ def _place(cells, parts, forward, backward, resolution, corner, target_corner, i
     rows, columns = index.shape
     for k in range(len(cells)):
         back = backward[parts[k]]
-        motion = forward[parts[k]]
-        x = corner[0] + (cells[k, 1] + 0.5) * resolution
-        y = corner[1] + (cells[k, 0] + 0.5) * resolution
-        u = (motion[0, 0] * x + motion[0, 1] * y + motion[0, 3] - target_corner[0]) / resolution
-        v = (motion[1, 0] * x + motion[1, 1] * y + motion[1, 3] - target_corner[1]) / resolution
+        u, v = _landed(cells[k], forward[parts[k]], resolution, corner, target_corner)
         for iy in range(max(int(v) - 1, 0), min(int(v) + 2, rows)):
             for ix in range(max(int(u) - 1, 0), min(int(u) + 2, columns)):
                 x = target_corner[0] + (ix + 0.5) * resolution
@@ -258,3 +254,27 @@ def _place(cells, parts, forward, backward, resolution, corner, target_corner, i
                 source_y = (back[1, 0] * x + back[1, 1] * y + back[1, 3] - corner[1]) / resolution
                 if np.floor(source_x) == cells[k, 1] and np.floor(source_y) == cells[k, 0]:
                     index[iy, ix] = k
+
+
+@inlined_kernel
+def _landed(cell, motion, resolution, corner, target_corner):
+    """Where the middle of a cell is after its motion, in cells of the target: column, row."""
+    x = corner[0] + (cell[1] + 0.5) * resolution
+    y = corner[1] + (cell[0] + 0.5) * resolution
+    u = (motion[0, 0] * x + motion[0, 1] * y + motion[0, 3] - target_corner[0]) / resolution
+    v = (motion[1, 0] * x + motion[1, 1] * y + motion[1, 3] - target_corner[1]) / resolution
+    return u, v
+
+
+@kernel
+def _fill_gaps(cells, parts, motions, resolution, corner, target_corner, is_gap, index):
+    """Each gap gets the cell that has landed nearest to it."""
+    rows, columns = index.shape
+    nearest = np.full(index.shape, np.inf)
+    for k in range(len(cells)):
+        u, v = _landed(cells[k], motions[parts[k]], resolution, corner, target_corner)
+        for iy in range(max(int(v) - _GAP, 0), min(int(v) + _GAP + 1, rows)):
+            for ix in range(max(int(u) - _GAP, 0), min(int(u) + _GAP + 1, columns)):
+                apart = max(abs(ix + 0.5 - u), abs(iy + 0.5 - v))
+                if is_gap[iy, ix] and apart < nearest[iy, ix]:
+                    nearest[iy, ix], index[iy, ix] = apart, k
