@@ -37,7 +37,11 @@ from heightmap25d_ros import se3
 from heightmap25d_ros.evaluation.level_error import evaluate_levels
 from heightmap25d_ros.evaluation.map_error import evaluate_map
 from heightmap25d_ros.evaluation.path_drivability import evaluate_path
-from heightmap25d_ros.evaluation.trajectory_error import alignment, planar_errors
+from heightmap25d_ros.evaluation.trajectory_error import (
+    alignment,
+    confidently_wrong,
+    planar_errors,
+)
 from heightmap25d_ros.evaluation.truth import LevelTruth, TrueGround, Truth
 from heightmap25d_ros.grid.height_map import HEIGHT_RESOLUTION, Geometry
 from heightmap25d_ros.localization.tracking_state import State
@@ -59,7 +63,6 @@ SHARES = (0.9, 0.95)
 SCAN_RATE, STEP = 12.5, 0.02  # [Hz], [s]
 LONGEST = 3600.0  # [s], simulated
 SAME_LEVEL = 0.35  # [m]
-WRONG, SIGMAS = 0.15, 3.0  # [m], of the pose: more of both is confidently wrong
 TOLERANCE = 2.0  # [m] of the planner, for goals of explore_lite, which lie in the unknown
 
 
@@ -213,15 +216,10 @@ class Run:
         }
 
     def confidently_wrong(self, told, true):
-        """For how long [s] the pose was wrong by more than its covariance allows, while TRACKING.
-
-        That is by `WRONG` and by more than three of its own standard deviations.
-        """
-        off = (told - true)[:, :2, 3]
+        """For how long [s] the pose was confidently wrong, while TRACKING."""
         covariances = np.array([pose.covariance[:2, :2] for pose, _ in self.explored.record.told])
-        squared = np.einsum("ni,nij,nj->n", off, np.linalg.inv(covariances), off)
         is_sure = [state is State.TRACKING for _, state in self.explored.record.told]
-        is_wrong = is_sure & (squared > SIGMAS**2) & (np.linalg.norm(off, axis=1) > WRONG)
+        is_wrong = is_sure & confidently_wrong(told, true, covariances)
         return round(float(is_wrong.mean()) * self.simulation.seconds, 1)
 
     def draw(self, path):

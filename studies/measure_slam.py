@@ -33,7 +33,11 @@ import slam_peers
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.evaluation import map_error, truth
-from heightmap25d_ros.evaluation.trajectory_error import alignment, planar_errors
+from heightmap25d_ros.evaluation.trajectory_error import (
+    alignment,
+    confidently_wrong,
+    planar_errors,
+)
 from heightmap25d_ros.evaluation.truth import Truth
 from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.io import decode
@@ -70,9 +74,6 @@ NEAR_SIGHTED = with_values(PARAMS, {"slam.active_distance": 8.0})
 
 WRONG = 1.0
 """Error of a loop [m] that is another place."""
-
-CONFIDENT, SIGMAS = 0.15, 3.0
-"""[m], and standard deviations: a pose that is off by more than both is confidently wrong."""
 
 Poses = tuple[np.ndarray, se3.Matrix]
 Told = Sequence[tuple[int, se3.Matrix]]
@@ -184,9 +185,8 @@ def live_lap(label: str, path: Path) -> str:
         for pose, T in zip(slam.tracker.poses(), wheels, strict=False)
     ]
     stamps = np.clip([stamp for stamp, _ in told], true[0][0], true[0][-1])
-    off = (np.array([T for _, T in told]) - interpolate(*true, stamps))[:, :2, 3]
-    squared = np.einsum("ni,nij,nj->n", off, np.linalg.inv(covariances), off)
-    is_wrong = (squared > SIGMAS**2) & (np.hypot(*off.T) > CONFIDENT)
+    poses = np.array([T for _, T in told])
+    is_wrong = confidently_wrong(poses, interpolate(*true, stamps), np.array(covariances))
     return (
         f"| {label} | {own.aligned:.3f} m | {own.aligned_max:.2f} m | {own.end:.3f} m "
         f"| {100 * is_wrong.mean():.0f} % | {error_of(mapped, true).aligned:.3f} m "

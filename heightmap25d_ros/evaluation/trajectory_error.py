@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 from heightmap25d_ros import se3
 from heightmap25d_ros.pose_interpolation import interpolate
 
+WRONG, SIGMAS = 0.15, 3.0
+"""[m], and standard deviations: a pose that is off by more than both is confidently wrong."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrajectoryError:
@@ -109,3 +112,15 @@ def planar_errors(poses: se3.Matrix, truth: se3.Matrix) -> NDArray[np.float64]:
 
 def _rms(values: NDArray[np.float64]) -> float:
     return float(np.sqrt(np.mean(values**2)))
+
+
+def confidently_wrong(
+    poses: se3.Matrix, truth: se3.Matrix, covariances: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """(N,): whether poses are off by more than `WRONG`, and than their covariances allow.
+
+    That is `SIGMAS` standard deviations of x, y (N, 2, 2) [m^2].
+    """
+    off = (poses - truth)[:, :2, 3]
+    squared = np.einsum("ni,nij,nj->n", off, np.linalg.inv(covariances), off)
+    return np.asarray((squared > SIGMAS**2) & (np.hypot(*off.T) > WRONG))

@@ -7,7 +7,11 @@ from hypothesis import strategies as st
 from properties import draws
 
 from heightmap25d_ros import se3
-from heightmap25d_ros.evaluation.trajectory_error import alignment, evaluate_trajectory
+from heightmap25d_ros.evaluation.trajectory_error import (
+    alignment,
+    confidently_wrong,
+    evaluate_trajectory,
+)
 
 STAMPS = np.arange(5) * 10**9
 
@@ -64,3 +68,15 @@ def test_what_was_shifted_and_turned_is_aligned_exactly(shift, yaw, seed):
     xyz_rpy = np.column_stack([rng.uniform(-9.0, 9.0, (20, 3)), rng.uniform(-1.0, 1.0, (20, 3))])
     poses, T = se3.from_xyz_rpy(xyz_rpy), se3.from_xyz_rpy([*shift, 0.0, 0.0, yaw])
     np.testing.assert_allclose(alignment(poses, T @ poses), T, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "is_wrong"),
+    [(0.2, 0.0, False), (0.0, 0.2, True), (0.4, 0.0, True), (0.0, 0.1, False)],
+)
+def test_a_pose_is_confidently_wrong_beyond_15_cm_and_three_deviations(x, y, is_wrong):
+    poses = np.eye(4)[None].copy()
+    poses[0, :2, 3] = x, y
+    covariances = np.diag(np.square([0.1, 0.02]))[None]
+    found = confidently_wrong(poses, np.eye(4)[None], covariances)
+    assert found.tolist() == [is_wrong]
