@@ -44,6 +44,7 @@ from heightmap25d_ros.planning.smoothing import (
 from heightmap25d_ros.planning.start_clearing import (
     ClearedStart,
     clear_start,
+    leaving_straight,
 )
 from heightmap25d_ros.planning.surface_poses import interpolated, on_surface
 from heightmap25d_ros.terrain import slices
@@ -201,7 +202,12 @@ class Planner:
         plan, is_final = self._tried(asked, cleared, is_turn_checked=is_turn_checked)
         if plan.found or is_final or not is_turn_checked:
             return plan
-        return self._tried(asked, cleared, is_turn_checked=False)[0]
+        plan, _ = self._tried(asked, cleared, is_turn_checked=False)
+        if not plan.found and is_robot_there:
+            straight = leaving_straight(cleared, start, self._terrain, self._params)
+            straight_on, _ = self._tried(asked, straight, is_turn_checked=False)
+            return straight_on if straight_on.found else plan
+        return plan
 
     def _tried(
         self, asked: _Search, cleared: ClearedStart, *, is_turn_checked: bool

@@ -129,6 +129,32 @@ def clear_start(
     return _with_exits(cleared, area, start, size, radius)
 
 
+def leaving_straight(
+    cleared: ClearedStart, start: Pose2D, terrain: TraversabilityParams, planner: PlannerParams
+) -> ClearedStart:
+    """The same for a robot that has to drive straight on before it turns, as in a narrow gap.
+
+    Its rectangle fits where it stands, but along no path over the cells around it: the robot is
+    beside the centre of its cell, and no more of them is open.
+
+    Parameters
+    ----------
+    cleared : ClearedStart
+        In which the start's cell is enterable.
+    start : Pose2D
+    terrain : TraversabilityParams
+    planner : PlannerParams
+    """
+    resolution = cleared.graph.geometry.resolution
+    size = planner.robot_length / resolution, planner.robot_width / resolution
+    radius = terrain.robot_radius / resolution
+    y, x, _ = in_cells(start, cleared.graph.geometry)
+    cell = Area(math.floor(y), math.floor(x), 1, 1)
+    area = cell.grown(math.ceil(radius) + 2).within(cleared.graph.area)
+    closed = cleared.graph.with_part(cell, enterable=np.zeros((1, 1), np.bool_))
+    return _with_exits(closed, area, start, size, radius, is_free=True)
+
+
 def _without_exits(graph: TransitionGraph) -> ClearedStart:
     nothing = np.empty(0)
     return ClearedStart(
@@ -146,8 +172,13 @@ def _with_exits(
     start: Pose2D,
     size: tuple[float, float],
     radius: float,
+    *,
+    is_free: bool = False,
 ) -> ClearedStart:
-    """The lines out of the inflation from a start in an area, for a rectangle [cells]."""
+    """The straight lines away from a start in an area, for a rectangle [cells].
+
+    Out of the inflation; or, for one that is free of it, to wherever the rectangle fits.
+    """
     y, x, yaw = in_cells(start, graph.geometry)
     here = area.slices(graph.area)
     *_, distance = offsets(area, y, x, yaw)
@@ -159,7 +190,9 @@ def _with_exits(
     for cell in candidates:
         line = np.array([(y, x), cell + 0.5])
         cost = leaving.line_cost(*line)
-        if cost < 0.0 or not _clearance_grows(graph.occupied, *line[0], *line[1], radius):
+        if cost < 0.0:
+            continue
+        if not is_free and not _clearance_grows(graph.occupied, *line[0], *line[1], radius):
             continue
         along = math.atan2(*(line[1] - line[0]))
         heading = np.array([along if start.yaw is None else yaw, along])

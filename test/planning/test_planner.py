@@ -465,3 +465,20 @@ def test_a_robot_does_not_turn_into_a_wall_where_it_can_drive_on():
     assert_drivable(plan, plan.graph, height > 0, (0.7, 0.4))
     assert plan.length > 5.0
     assert abs(in_cells(plan.poses)[:10, 2]).max() < 0.1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("degrees", [-155, 25, -140])
+def test_a_robot_between_two_rocks_drives_straight_on_before_it_turns(degrees):
+    """At 25 places within the one cell that is open there, to goals on both sides."""
+    height = np.zeros((64, 64), np.int16)
+    height[36:41, 26:31] = height[24:29, 34:41] = height[29, 37:40] = 60
+    size = 0.78, 0.64
+    planner = route_planner(height, unknown="cost", robot_length=size[0], robot_width=size[1])
+    for offset in itertools.product(np.linspace(0.02, 0.98, 5), repeat=2):
+        start = Pose2D((32 + offset[1]) * CELL, (32 + offset[0]) * CELL, math.radians(degrees))
+        for goal in (Pose2D(1.5, 3.5), Pose2D(6.5, 4.5)):
+            plan = planner.plan(start, goal, is_robot_there=True)
+            assert plan.found, plan.reason
+            assert_ends_as_asked(plan, start, goal)
+            assert_drivable(plan, plan.graph, height > 0, size)
