@@ -209,6 +209,10 @@ class Explorer:
         """Do not choose a place, nor those right beside it, any more."""
         self.given_up.append(goal)
 
+    def take_back(self, goals: Sequence[Pose2D]) -> None:
+        """Some of the places that were given up may be chosen after all."""
+        self.given_up = [place for place in self.given_up if place not in goals]
+
     def forget(self) -> None:
         """The map was begun anew."""
         self._looks.forget()

@@ -43,8 +43,8 @@ class Surveyor:
     Attributes
     ----------
     is_doubting : bool
-        Whether obstacles that may be noise are as good as unknown, on maps of one level; and what
-        is beyond edges, and what was looked for in vain from below.
+        Whether obstacles that may be noise are as good as unknown; and what is beyond edges, and
+        what was looked for in vain from below.
     """
 
     def __init__(self, params: Params, boundary: Boundary, looks: Looks) -> None:
@@ -70,22 +70,30 @@ class Surveyor:
         survey = self._offered(graph, height_map.known, costs, robot, is_one_level=True)
         if not self.is_doubting:
             return survey
-        doubted = self._in_doubt(survey, height_map)
+        doubted = self._in_doubt(survey, height_map, self._looks.of(geometry))
         no_decks = np.zeros(height_map.geometry.shape, np.bool_)
         beyond = self._beyond_edges(survey, [doubted], no_decks)
         return _with_others([doubted, *beyond, *self._missed(survey)])
 
-    def _in_doubt(self, survey: Survey, height_map: HeightMap) -> Survey:
+    def _in_doubt(self, survey: Survey, height_map: HeightMap, looks: NDArray[np.int16]) -> Survey:
         """The same, with what lies behind ground that the robot might come to after all.
 
         Obstacles that may be noise are unknown, and all ground that goes on from where the robot
         can be counts as touched, as far as the robot sees.
+
+        Parameters
+        ----------
+        survey : Survey
+            Of a slice.
+        height_map : HeightMap
+            Of the slice.
+        looks : (rows, columns) int16
+            In vain.
         """
         own, side = self._params.exploration, survey.geometry.resolution
         doubted = doubtful(survey.occupied, height_map, self._params.traversability.max_step)
         known, occupied = survey.scenery.known & ~doubted, survey.occupied & ~doubted
         near = frontiers.touched(known, occupied, np.isfinite(survey.costs), own.sight / side)
-        looks = self._looks.of(survey.geometry)
         allowed = self.inside(survey.geometry) & (looks < own.looks)
         behind = frontiers.wanted(known, near, allowed, own.frontier_depth / side)
         scenery = replace(survey.scenery, known=known, wanted=survey.scenery.wanted | behind)
@@ -118,6 +126,9 @@ class Surveyor:
                 robot,
                 is_one_level=False,
             )
+            if self.is_doubting:
+                looks = self._looks.of(geometry, survey.scenery.height)
+                survey = self._in_doubt(survey, levels.maps[number], looks)
             before = [
                 other.covered & (levels.layers[k] == levels.layers[number])
                 for k, other in zip(order, surveys, strict=False)

@@ -31,7 +31,7 @@ REACHED = 0.4
 _FACED = 0.3  # [rad] a heading is reached within it
 _PERIOD = 2.0  # [s] between two checks whether the goal is still worth its way
 _LEAST_LOOK = 0.1  # of min_gain: for less the robot does not turn
-_GIVEN_UP_IN_A_ROW = 5  # goals, without a motion between them: the robot is stuck
+_GIVEN_UP_IN_A_ROW = 5  # goals, without a motion between them, and no other: the robot is stuck
 _RESET = 0.5  # share of known cells that a map must keep, to be the same map
 
 
@@ -180,9 +180,8 @@ class Exploration:
         """Explore on a map from now on; one that knows much less than the one before is new."""
         known = int(height_map.known.sum())
         if known < _RESET * self._known_cells and self._run is not None:
-            self._run.explorer.forget()
             self._drop_goal(self._run)
-            self._run.home = None
+            self._run.forget()
         self._map, self._known_cells = height_map, known
         self._maps += 1
 
@@ -299,14 +298,22 @@ class Exploration:
         if not np.isfinite(survey.costs).any():
             return self._finish(End.STUCK, "no path leads away from where the robot stands")
         if choice.goal is None:
-            if run.explorer.doubt_obstacles():
-                return self._choose(run, robot)
-            return self._wind_up(run, robot, End.DONE, run.told_done)
+            return self._without_goals(run, robot)
         if math.hypot(choice.goal.x - robot.x, choice.goal.y - robot.y) <= REACHED:
             return self._look_around(run, survey, robot)
         yaw = math.atan2(choice.goal.y - robot.y, choice.goal.x - robot.x)
         goal = replace(choice.goal, yaw=yaw)
         return self._send(run, goal, choice.gain, State.DRIVING, "drives to a frontier")
+
+    def _without_goals(self, run: Run, robot: Pose2D) -> Pose2D | None:
+        """No place is worth the way: look closer, try what was refused once more, or end."""
+        if run.explorer.doubt_obstacles():
+            return self._choose(run, robot)
+        if run.given_up >= _GIVEN_UP_IN_A_ROW:
+            return self._finish(End.STUCK, run.told_stuck)
+        if run.tries_again():
+            return self._choose(run, robot)
+        return self._wind_up(run, robot, End.DONE, run.told_done)
 
     def _surveyed(self, run: Run, robot: Pose2D) -> Survey:
         assert self._map is not None
@@ -359,7 +366,6 @@ class Exploration:
             return None
         fault = self._refusal or run.standstill(self._params.exploration.stuck_timeout)
         if fault:
-            run.explorer.give_up(robot)
             return self._give_up(run, robot, fault)
         if abs(math.remainder((robot.yaw or 0.0) - run.headings[0], 2.0 * math.pi)) > _FACED:
             return None
@@ -405,13 +411,11 @@ class Exploration:
         return self._finish(end, f"{reason}; it did not return home: {fault}") if fault else None
 
     def _give_up(self, run: Run, goal: Pose2D, fault: str) -> Pose2D | None:
-        run.explorer.give_up(goal)
-        run.given_up += 1
+        is_refused = bool(self._refusal)
+        run.give_up(goal, fault, is_refused=is_refused)
         self._drop_goal(run)
-        if run.given_up >= _GIVEN_UP_IN_A_ROW:
-            return self._finish(
-                End.STUCK, f"the robot has not moved for {run.given_up} goals: {fault}"
-            )
+        if run.given_up >= _GIVEN_UP_IN_A_ROW and not is_refused:
+            return self._finish(End.STUCK, run.told_stuck)
         return None
 
     def _send(

@@ -32,6 +32,9 @@ class Run:
     moved_s: float = 0.0  # when the robot moved last
     rested_at: Pose2D | None = None  # where that was
     given_up: int = 0  # goals since the robot moved last
+    fault: str = ""  # of the last of them
+    refused: list[Pose2D] = field(default_factory=list)  # by planning: to be tried once more
+    is_last_try: bool = False
     lost_s: float = 0.0  # for how long the pose has been unknown
     is_relocating: bool = False
     trail: list[Pose2D] = field(default_factory=list)
@@ -54,6 +57,34 @@ class Run:
         count = len(self.explorer.given_up)
         reason = f"no place is left that shows {self.task.min_gain:g} m^2 or more"
         return f"{reason}; {count} could not be reached" if count else reason
+
+    @property
+    def told_stuck(self) -> str:
+        """That the robot does not get on, in words."""
+        return f"the robot has not moved for {self.given_up} goals: {self.fault}"
+
+    def give_up(self, goal: Pose2D, fault: str, *, is_refused: bool) -> None:
+        """Be done with a goal, for a fault; what planning has refused is tried once more."""
+        self.explorer.give_up(goal)
+        if is_refused and self.is_last_try:
+            return
+        self.given_up += 1
+        self.fault = fault
+        if is_refused:
+            self.refused.append(goal)
+
+    def tries_again(self) -> bool:
+        """Take back what planning has refused, since from elsewhere it may find a path."""
+        if self.is_last_try or not self.refused:
+            return False
+        self.is_last_try = True
+        self.explorer.take_back(self.refused)
+        return True
+
+    def forget(self) -> None:
+        """The map was begun anew."""
+        self.explorer.forget()
+        self.home, self.refused, self.is_last_try = None, [], False
 
     def is_worth(self, survey: Survey, goal: Pose2D, keep_gain: float) -> bool:
         """Whether enough of a goal's gain is left, and the way to it open."""

@@ -53,6 +53,8 @@ class LevelGraph:
         One a slice.
     layers : list of (rows, columns) int8
         Which surface of the stack each of their cells is.
+    maps : list of HeightMap
+        Of the slices.
 
     Raises
     ------
@@ -73,6 +75,7 @@ class LevelGraph:
         self.stack = SurfaceStack(height_map, levels, terrain)
         slices = self.stack.slices(self.stack.footprint_cells)
         self.layers = [found.layer for found in slices]
+        self.maps = [found.height_map for found in slices]
         if len(slices) * (height_map.geometry.shape[0] + 2) > LARGEST_SIDE:
             raise InputError(f"a map with {len(slices)} levels is too large to be planned over")
         made = graph_of or KeptGraphs(terrain, params).of

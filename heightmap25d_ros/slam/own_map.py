@@ -19,20 +19,33 @@ from heightmap25d_ros.localization.landmarks import Landmarks, landmarks_of
 from heightmap25d_ros.localization.layers import NAMES, LayerMap
 from heightmap25d_ros.slam.submaps import MappedCells, joined
 
+STOREY = 1.6
+"""What is farther above or below a robot is of another level [m]."""
+
 
 def surroundings(
-    submaps: Sequence[MappedCells], position: Array, reach: float, resolution: float
+    submaps: Sequence[MappedCells],
+    position: Array,
+    reach: float,
+    resolution: float,
+    *,
+    has_walls_of_levels: bool = False,
 ) -> tuple[HeightMap, LayerMap]:
     """Height map and localization layers of submaps within a square around a position.
+
+    What is on a level above or below is left out: a deck is no wall to those below it, and the
+    ground below is not the ground of those on it.
 
     Parameters
     ----------
     submaps : sequence of MappedCells
     position : (3,) float64 [m], map
-        Its z is near the heights.
+        Of the robot.
     reach : float [m]
         Half the side of the square, cut to what the submaps cover.
     resolution : float [m]
+    has_walls_of_levels : bool, optional
+        Whether walls that were seen on levels above and below are in the layers all the same.
     """
     near = [s for s in submaps if (np.abs(_nearest(s, position) - position[:2]) <= reach).all()]
     bounds = [submap.bounds() for submap in near] or [(position[:2], position[:2])]
@@ -42,7 +55,9 @@ def surroundings(
     columns, rows = np.maximum(np.ceil(high / resolution).astype(int) - (ix, iy), 1)
     level = float(np.floor(position[2] + 0.5))
     area = Area(int(iy), int(ix), int(rows), int(columns))
-    whole = joined(near, area, resolution, level)
+    z = float(position[2]) - level
+    heights = z - STOREY, z + STOREY
+    whole = joined(near, area, resolution, level, heights, has_walls_of_others=has_walls_of_levels)
     height_map = HeightMap.from_metres(
         whole.top + np.float64(level), resolution=resolution, ground_zero=level,
         origin=(float(ix * resolution), float(iy * resolution)),
@@ -60,9 +75,13 @@ def landmarks_around(
     """Walls and ground of submaps around a position, see `surroundings`.
 
     What is not known yet, also close to what is, does not speak against a scan. Walls that were not
-    seen again, see `sightings`, are none that a scan can be held to.
+    seen again, see `sightings`, are none that a scan can be held to. Those that were seen on other
+    levels are: outer walls go through all of them, and tell a robot that leaves a ramp, along which
+    nothing tells the way, how far it came.
     """
-    height_map, layers = surroundings(submaps, position, reach, resolution)
+    height_map, layers = surroundings(
+        submaps, position, reach, resolution, has_walls_of_levels=True
+    )
     landmarks = landmarks_of(height_map, layers, is_growing=True)
     is_confirmed = _confirmed(submaps, landmarks.geometry)
     walls = landmarks.walls.copy()

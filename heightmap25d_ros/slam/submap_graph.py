@@ -21,6 +21,7 @@ from heightmap25d_ros.localization.landmarks import Landmarks
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.slam.drift import carried, turned
 from heightmap25d_ros.slam.loop_closure import Found
+from heightmap25d_ros.slam.own_map import STOREY
 from heightmap25d_ros.slam.pose_graph import Edge, PoseGraph, between
 from heightmap25d_ros.slam.saved_map import SavedMap
 from heightmap25d_ros.slam.submaps import MappedCells, Submap
@@ -190,7 +191,7 @@ class SubmapGraph:
         near = [
             (away, number) for number in range(len(self.submaps))
             if number not in self._active
-            and (away := self._away(number, position[:2])) < slam.max_drift + slam.submap_length
+            and (away := self._away(number, position)) < slam.max_drift + slam.submap_length
         ]  # fmt: skip
         near.sort()
         seen_back = self.graph.covariances(newest, [number for _, number in near])[:, :3, :3]
@@ -208,12 +209,13 @@ class SubmapGraph:
                 )  # fmt: skip
         return None
 
-    def _away(self, number: int, xy: Array) -> float:
-        """How far [m] a place (2,) is from where a submap was begun, or from the saved map."""
+    def _away(self, number: int, position: Array) -> float:
+        """How far [m] a place (3,) is from where a submap was begun, or from the saved map."""
+        xy = position[:2]
         if number == 0 and self._saved is not None:
             return self._saved.away(xy)
         submap = self.submaps[number]
-        if not len(submap.cells().places):
+        if not len(submap.cells().places) or abs(submap.pose[3] - position[2]) > STOREY:
             return np.inf
         low, high = submap.bounds()
         if np.linalg.norm(np.clip(xy, low, high) - xy) >= self._params.slam.max_drift:

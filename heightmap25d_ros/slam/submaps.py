@@ -136,22 +136,26 @@ class Submap:
         self._grid = None
 
     def squares(self) -> NDArray[np.int64]:
-        """(K, 2): the squares, as of `trimming`, in which it has cells, when it is finished."""
+        """(K, 3): the squares, as of `trimming`, in which it has cells, when it is finished."""
         if self._squares is None:
-            self._squares = squares_of(self._centres(self.cells().places))
+            self._squares = squares_of(self._lowest())
         return self._squares
 
     def drop(self, is_dropped: NDArray[np.bool_]) -> None:
         """Forget what is in some (K,) of the squares, when it is finished."""
         dropped, cells = self.squares()[is_dropped], self.cells()
-        kept = ~is_in(self._centres(cells.places), dropped)
+        kept = ~is_in(self._lowest(), dropped)
         self._cells = SubmapCells(cells.places[kept], cells.layers[kept], cells.top[kept])
-        self._confirmed = self._confirmed[~is_in(self._centres(self._confirmed), dropped)]
+        is_kept = np.isin(_numbered(self._confirmed), _numbered(cells.places[kept]))
+        self._confirmed = self._confirmed[is_kept]
         self._squares = self.squares()[~is_dropped]
 
-    def _centres(self, places: NDArray[np.int64]) -> Array:
-        """x, y (N, 2) [m] of the centres of cells, in its own frame."""
-        return np.asarray((places[:, ::-1] + 0.5) * self._params.grid.resolution)
+    def _lowest(self) -> Array:
+        """x, y, z (N, 3) [m] of the lowest of each cell, in its own frame."""
+        places, layers, top = self.cells()
+        is_ground = layers[:, NAMES.index("ground_count")] > 0
+        z = np.where(is_ground, layers[:, NAMES.index("ground_height")], top) + self.level
+        return np.column_stack([(places[:, ::-1] + 0.5) * self._params.grid.resolution, z])
 
     def cells(self) -> SubmapCells:
         """What was seen so far."""
@@ -200,6 +204,11 @@ class Submap:
         return turned.min(axis=0), turned.max(axis=0)
 
 
+def _numbered(places: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(N,): a number for each place (N, 2), the same for the same place."""
+    return np.asarray((places[:, 0] << 32) + places[:, 1])
+
+
 class Joined(NamedTuple):
     """Cells of several submaps in one rectangle.
 
@@ -215,7 +224,15 @@ class Joined(NamedTuple):
     top: NDArray[np.float32]
 
 
-def joined(submaps: Sequence[RigidCells], area: Area, resolution: float, level: float) -> Joined:
+def joined(
+    submaps: Sequence[RigidCells],
+    area: Area,
+    resolution: float,
+    level: float,
+    heights: tuple[float, float] = (-np.inf, np.inf),
+    *,
+    has_walls_of_others: bool = False,
+) -> Joined:
     """Join submaps where they are now.
 
     Parameters
@@ -226,6 +243,10 @@ def joined(submaps: Sequence[RigidCells], area: Area, resolution: float, level: 
     resolution : float [m]
     level : float [m], map
         What the heights are above.
+    heights : (lowest, highest) [m], optional
+        From the level: cells that are wholly below or above are left out.
+    has_walls_of_others : bool, optional
+        Whether the walls in these are not.
     """
     layers = np.zeros((len(NAMES), *area.shape), np.float32)
     top = np.full(area.shape, np.nan, np.float32)
@@ -234,7 +255,7 @@ def joined(submaps: Sequence[RigidCells], area: Area, resolution: float, level: 
         lift = float(T[2, 3]) + submap.level - level
         placed = float(T[0, 0]), float(T[1, 0]), float(T[0, 3]), float(T[1, 3]), lift
         corner = area.iy, area.ix
-        _add_cells(cells.places, cells.layers, cells.top, placed, corner, resolution, layers, top)
+        _add_cells(cells, placed, corner, resolution, heights, has_walls_of_others, layers, top)
     return Joined(layers, top)
 
 
@@ -249,14 +270,22 @@ def joined_layers(submaps: Sequence[RigidCells], geometry: Geometry) -> LayerMap
 
 
 @kernel
-def _add_cells(index, cells, tops, placed, corner, resolution, layers, top):
+def _add_cells(submap, placed, corner, resolution, heights, has_walls_of_others, layers, top):
     """Add the cells of a submap to those that others have."""
+    index, cells, tops = submap
     counts = layers[0], layers[6]
     for k in range(len(index)):
+        lowest, highest = tops[k], tops[k]
+        if cells[k, 0] > 0:
+            lowest = cells[k, 2]
+            highest = tops[k] if tops[k] > lowest else lowest
+        is_near = placed[4] + highest >= heights[0] and placed[4] + lowest <= heights[1]
+        if not (is_near or has_walls_of_others):
+            continue
         x0 = (index[k, 1] + 0.5) * resolution
         y0 = (index[k, 0] + 0.5) * resolution
         top_cell = (-1, -1)
-        if cells[k, 0] > 0:
+        if cells[k, 0] > 0 and is_near:
             cell, x, y = _cell_of(x0 + cells[k, 4], y0 + cells[k, 5], placed, corner, resolution,
                                   top.shape)  # fmt: skip
             if cell[0] >= 0:
@@ -275,7 +304,7 @@ def _add_cells(index, cells, tops, placed, corner, resolution, layers, top):
                 _add_spread(cell, cells[k], placed, layers)
             top_cell = cell
         height = tops[k] + placed[4]
-        if top_cell[0] >= 0 and height == height and not top[top_cell] >= height:
+        if is_near and top_cell[0] >= 0 and height == height and not top[top_cell] >= height:
             top[top_cell] = height
 
 

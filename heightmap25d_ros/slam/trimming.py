@@ -16,13 +16,16 @@ from numpy.typing import NDArray
 from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
 
-_SIDE = 1.0  # [m] of the squares in which a submap is kept or not
+_SIDES = np.array([1.0, 1.0, 2.0])  # [m] of the squares in which a submap is kept or not, by level
 
 
 def squares_of(places: Array) -> NDArray[np.int64]:
-    """The squares (K, 2), each once, of places x, y (N, 2) [m] of a submap."""
+    """The squares (K, 3), each once, of places x, y, z (N, 3) [m] of a submap.
+
+    The third number is that of the level, since what is above a place does not make it needless.
+    """
     if not len(places):
-        return np.empty((0, 2), np.int64)
+        return np.empty((0, 3), np.int64)
     index = _square_of(places)
     low = index.min(axis=0)
     is_seen = np.zeros(index.max(axis=0) - low + 1, bool)
@@ -31,7 +34,7 @@ def squares_of(places: Array) -> NDArray[np.int64]:
 
 
 def is_in(places: Array, squares: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Which of places x, y (N, 2) [m] are in some of the squares (K, 2)."""
+    """Which of places x, y, z (N, 3) [m] are in some of the squares (K, 3)."""
     if not len(places) or not len(squares):
         return np.zeros(len(places), bool)
     index = _square_of(places)
@@ -48,7 +51,7 @@ def needless(
 
     Parameters
     ----------
-    squares : sequence of (K, 2) int64
+    squares : sequence of (K, 3) int64
         Of each submap, from the oldest to the newest, in its own frame.
     T_map_submap : sequence of (4, 4) float64
     newest : int
@@ -60,7 +63,7 @@ def needless(
 
     Examples
     --------
-    >>> there = [np.array([[0, 0], [number, 7]]) for number in range(13)]
+    >>> there = [np.array([[0, 0, 0], [number, 7, 0]]) for number in range(13)]
     >>> dropped = needless(there, [np.eye(4)] * 13, newest=10)
     >>> [number for number in range(13) if dropped[number][0]]
     [1, 2]
@@ -68,13 +71,13 @@ def needless(
     False
     """
     centres = [
-        ((own + 0.5) * _SIDE) @ T[:2, :2].T + T[:2, 3]
+        ((own + (0.5, 0.5, 0.0)) * _SIDES) @ T[:3, :3].T + T[:3, 3]
         for own, T in zip(squares, T_map_submap, strict=True)
     ]
     ends = np.cumsum([len(own) for own in squares])
     place = _square_of(np.concatenate(centres))
     submap = np.repeat(np.arange(len(squares)), np.diff(ends, prepend=0))
-    order = np.lexsort((submap, place[:, 1], place[:, 0]))
+    order = np.lexsort((submap, *place.T))
     is_new_place = (np.diff(place[order], axis=0, prepend=place[order[:1]] - 1) != 0).any(axis=1)
     begins = np.flatnonzero(is_new_place)
     counts = np.diff(begins, append=len(order))
@@ -85,4 +88,5 @@ def needless(
 
 
 def _square_of(places: Array) -> NDArray[np.int64]:
-    return np.floor(places / _SIDE).astype(np.int64)
+    # A level begins half its height below zero: where the robot starts is not at a seam.
+    return np.asarray(np.floor(places / _SIDES + (0.0, 0.0, 0.5)), np.int64)

@@ -197,10 +197,24 @@ def test_a_start_without_any_way_out_is_stuck():
     assert robot.exploration.distance < 1.0
 
 
-def test_a_goal_that_planning_refuses_is_given_up():
+def refused_until(robot, is_over, seconds=400):
+    """Step, while planning refuses every goal of a drive, until something holds; the refused."""
+    refused = []
+    for _ in range(seconds):
+        before = robot.pose
+        robot.step()
+        if is_over() or robot.exploration.state is State.ENDED:
+            return refused
+        if robot.exploration.state is State.DRIVING:
+            robot.pose = before
+            refused.append(robot.exploration.goal)
+            robot.refuse("no way")
+    raise AssertionError(robot.exploration.reason)
+
+
+def test_a_goal_that_planning_refuses_is_given_up_and_tried_once_more():
     robot = Robot(room(16.0, 6.0))
     robot.exploration.start()
-    robot.can_move = True
     robot.until(State.DRIVING)
     refused = robot.exploration.goal
     robot.pose = (2.0, 2.0, 0.0)
@@ -209,8 +223,46 @@ def test_a_goal_that_planning_refuses_is_given_up():
     assert robot.exploration.given_up == [refused]
     robot.refuse("stale", code=202)  # of the odometry: no reason to give up the next one
     assert robot.run() is End.DONE
-    assert len(robot.exploration.given_up) == 1
-    assert "1 could not be reached" in robot.exploration.reason
+    assert not robot.exploration.given_up  # from elsewhere there may be a way
+    assert "could not be reached" not in robot.exploration.reason
+
+
+def test_goals_that_are_refused_twice_are_told_at_the_end():
+    height = room(16.0, 6.0)
+    height[at(height, (9.0, 9.2), (0.0, 6.0))] = WALL
+    height[at(height, (9.0, 9.2), (2.2, 3.8))] = 0.0
+    robot = Robot(height)
+    robot.exploration.start()
+    asked = []
+    for _ in range(400):
+        before = robot.pose
+        goal = robot.step()
+        if robot.exploration.state is State.ENDED:
+            break
+        if goal is not None and goal.x > 8.0 and robot.exploration.state is State.DRIVING:
+            robot.pose = before
+            asked.append((goal.x, goal.y))
+            robot.refuse("the door is shut")
+    assert robot.exploration.end is End.DONE
+    assert len(asked) > len(set(asked)) > 0
+    assert "could not be reached" in robot.exploration.reason
+
+
+def test_goals_that_are_refused_in_a_row_do_not_end_it_while_there_are_others():
+    robot = Robot(room(30.0, 12.0))
+    robot.exploration.start()
+    refused = refused_until(robot, lambda: len(robot.exploration.given_up) >= 6)
+    assert len(refused) >= 6
+    assert robot.run() is End.DONE
+    assert robot.known[at(robot.known, (1, 29), (1, 11))].mean() > 0.99
+
+
+def test_a_robot_to_which_every_goal_is_refused_is_stuck():
+    robot = Robot(room(30.0, 12.0))
+    robot.exploration.start()
+    assert len(refused_until(robot, lambda: False)) >= 5
+    assert robot.exploration.end is End.STUCK
+    assert robot.exploration.reason.endswith("goals: planning refuses it: no way")
 
 
 def test_it_pauses_and_goes_on():

@@ -19,10 +19,10 @@ from heightmap25d_ros.slam.trimming import needless
 PARAMS = Params()
 
 
-def beams_of(ends):
-    """Beams from 1 m above the origin."""
+def beams_of(ends, z=0.0):
+    """Beams from 1 m above a place over the origin."""
     return Beams(
-        origins=np.broadcast_to([0.0, 0.0, 1.0], ends.shape).copy(), ends=ends,
+        origins=np.broadcast_to([0.0, 0.0, z + 1.0], ends.shape).copy(), ends=ends,
         is_hit=np.ones(len(ends), bool), is_lone=np.zeros(len(ends), bool),
     )  # fmt: skip
 
@@ -184,8 +184,43 @@ def test_what_only_an_old_submap_has_seen_stays():
 
 
 def test_submaps_are_needless_where_they_are_now():
-    square = np.array([[0, 0]])
+    square = np.array([[0, 0, 0]])
     away = se3.from_xyz_rpy([5.0, 0.0, 0.0, 0.0, 0.0, np.pi / 2])
     poses = [np.eye(4), np.eye(4), away, np.eye(4), np.eye(4)]
     dropped = needless([square] * 5, poses, newest=2)
     assert [bool(part[0]) for part in dropped] == [False, True, False, False, False]
+
+
+def deck(rng, z, count=20000):
+    """Returns of a level piece of ground."""
+    return np.column_stack([rng.uniform(-3, 3, (count, 2)), rng.normal(z, 0.01, count)])
+
+
+def seen_from(z, ends):
+    """A submap of ends that were seen from 1 m above some height."""
+    submap = Submap(se3.from_xyz_rpy([0.0, 0.0, z, 0.0, 0.0, 0.0]), PARAMS)
+    submap.integrate(beams_of(ends, z), 0.0)
+    submap.finish()
+    return submap
+
+
+def test_a_deck_above_does_not_make_the_ground_below_needless():
+    rng = np.random.default_rng(6)
+    every = [seen_from(z, deck(rng, z)) for z in (0.0, 0.0, 2.5, 2.5, 2.5, 2.5)]
+    dropped = needless([one.squares() for one in every], [one.T_map_submap for one in every], 1)
+    is_dropped = [bool(part.all()) for part in dropped]
+    assert is_dropped == [False, False, False, True, True, False]
+    for one, squares in zip(every, dropped, strict=True):
+        one.drop(squares)
+    assert [len(one.cells().places) > 2000 for one in every] == [not gone for gone in is_dropped]
+    assert not len(every[3].confirmed())
+
+
+@pytest.mark.parametrize("z", [0.0, 2.5])
+def test_around_a_robot_is_the_level_that_it_is_on(z):
+    rng = np.random.default_rng(7)
+    both = [seen_from(0.0, deck(rng, 0.0)), seen_from(2.5, deck(rng, 2.5))]
+    height_map, layers = surroundings(both, np.array([0.3, 0.1, z]), 2.0, PARAMS.grid.resolution)
+    assert height_map.known.mean() > 0.95
+    assert np.abs(height_map.metres[height_map.known] - z).max() < 0.05
+    assert not layers.elevated_count.any()
