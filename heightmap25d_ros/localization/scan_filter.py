@@ -167,9 +167,9 @@ class ScanFilter:
     ) -> Registration:
         """As `update`, on a map that the robot is making, see `growing_map`.
 
-        What it has mapped a moment ago errs as it does: beside that it is not as uncertain as beside
-        the beginning of a long ramp. If it were, noise of the ground would lead it astray, by 0.2 m
-        in one turn on the spot.
+        What it has mapped a moment ago errs as it does: beside that it is not as uncertain as
+        beside the beginning of a long ramp. If it were, noise of the ground would lead it astray,
+        by 0.2 m in one turn on the spot.
         """
         params = self._params.scan_filter
         if len(returns) < params.min_returns:
