@@ -175,6 +175,8 @@ class Run:
         Aligned is what is left after the shift and the yaw that bring the poses nearest to the
         true ones: the frame of a robot's own map begins as its first scans were seen. The map is
         aligned by where its submaps are in the end, since these have moved after poses were told.
+        Confidently wrong is of poses as they are told, not aligned: their covariances are seen from
+        where the robot started.
         """
         record = self.explored.record
         stamps = np.array([pose.stamp_ns for pose, _ in record.told])
@@ -188,7 +190,7 @@ class Run:
             "aligned_rmse_m": round(float(np.sqrt(np.mean(left**2))), 3),
             "aligned_largest_m": round(left.max(), 3),
             "aligned_end_m": round(left[-1], 3),
-            "confidently_wrong_s": self.confidently_wrong(told, se3.inverse(T_world_map) @ true),
+            "confidently_wrong_s": self.confidently_wrong(told, true),
             "turned_deg": round(float(np.degrees(se3.yaw(T_world_map))), 2),
             **self.blocked_f1(
                 alignment(self.localizer.submap_poses(), np.array(record.submap_starts))

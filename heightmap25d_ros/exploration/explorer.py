@@ -151,8 +151,9 @@ class Explorer:
         """Where the robot might come to ``min_gain`` of new ground."""
         own, side = self._params.exploration, survey.geometry.resolution
         looks = self._looks.of(survey.geometry, survey.scenery.height)
+        # What is wanted may have been looked for in vain from where it could not be seen.
         allowed = self._surveyor.inside(survey.geometry) & (
-            survey.scenery.known | (looks < own.looks)
+            survey.scenery.known | survey.scenery.wanted | (looks < own.looks)
         )
         reachable = np.isfinite(survey.costs)
         return frontiers.openings(

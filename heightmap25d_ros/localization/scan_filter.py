@@ -163,20 +163,29 @@ class ScanFilter:
         return found
 
     def update_growing(
-        self, returns: Array, T_odom_base: se3.Matrix, landmarks: Landmarks
+        self, returns: Array, T_odom_base: se3.Matrix, landmarks: Landmarks, *, has_ground: bool
     ) -> Registration:
         """As `update`, on a map that the robot is making, see `growing_map`.
 
         What it has mapped a moment ago errs as it does: beside that it is not as uncertain as
         beside the beginning of a long ramp. If it were, noise of the ground would lead it astray,
         by 0.2 m in one turn on the spot.
+
+        Parameters
+        ----------
+        returns : (N, 3) float64 [m], odom
+        T_odom_base : (4, 4) float64
+        landmarks : Landmarks
+        has_ground : bool
+            Whether lasers see the ground.
         """
         params = self._params.scan_filter
         if len(returns) < params.min_returns:
             return rejected(Reason.FEW_POINTS, len(returns))
         precision = np.asarray(np.linalg.inv(self._covariance[_POSE, _POSE]))
         seen, position = self._seen(returns, T_odom_base)
-        found = self._growing.hold(seen, position, precision + _BESIDE_OWN_MAP, landmarks, params)
+        assumed = precision + _BESIDE_OWN_MAP if has_ground else precision
+        found = self._growing.hold(seen, position, assumed, landmarks, params)
         reason = self._judged(found, LEAST_KNOWN * params.min_returns)
         if reason in _USABLE:
             self._growing.remember(found, len(returns))

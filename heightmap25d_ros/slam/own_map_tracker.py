@@ -325,8 +325,12 @@ class OwnMapTracker:
         if self._landmarks is None:
             self._window.confirm()
             return
-        update = self.estimate.update if self._is_on_saved else self.estimate.update_growing
-        found = update(returns, self._T_odom_base, self._landmarks)
+        if self._is_on_saved:
+            found = self.estimate.update(returns, self._T_odom_base, self._landmarks)
+        else:
+            found = self.estimate.update_growing(
+                returns, self._T_odom_base, self._landmarks, has_ground=not self._laser.is_level
+            )
         self.last = found
         self._is_new_around = found.known < _MOSTLY_KNOWN
         if found.reason in (Reason.ACCEPTED, Reason.UNOBSERVED):

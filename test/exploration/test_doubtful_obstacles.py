@@ -12,6 +12,7 @@ import pytest
 from heightmap25d_ros.exploration.doubtful_obstacles import doubtful
 from heightmap25d_ros.exploration.explorer import Explorer
 from heightmap25d_ros.grid.height_map import HeightMap, stored_probability
+from heightmap25d_ros.grid.levels import UpperSurfaces
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.planning.plan import Pose2D
 
@@ -35,8 +36,16 @@ def goal(explorer, height_map):
     return explorer.choose(explorer.survey(height_map, ROBOT)).goal
 
 
-def test_they_are_looked_at_when_nothing_else_is_left():
-    explorer, height_map = Explorer(PARAMS), corridor(step=0.15)
+def with_shelf(height_map):
+    """The same, with two levels: a shelf behind the robot, 2.5 m above the ground."""
+    cells = np.argwhere(np.ones((30, 4))) + (2, 4)
+    upper = UpperSurfaces.of(cells, [250] * len(cells), [230] * len(cells))
+    return replace(height_map, upper=upper)
+
+
+@pytest.mark.parametrize("with_levels", [lambda height_map: height_map, with_shelf])
+def test_they_are_looked_at_when_nothing_else_is_left(with_levels):
+    explorer, height_map = Explorer(PARAMS), with_levels(corridor(step=0.15))
     assert goal(explorer, height_map) is None
     assert explorer.doubt_obstacles()
     found = goal(explorer, height_map)

@@ -312,3 +312,48 @@ def test_a_slope_tells_a_place_only_where_the_prior_is_not_wide():
         )
         assert (found.information[0, 0] > 100.0) == is_told
         assert found.information[3, 3] > 1e4
+
+
+def test_noise_of_a_ramp_does_not_lead_a_robot_astray_that_turns_on_it():
+    """Nothing tells the way along a plain ramp, on a map that was made by scans as noisy."""
+    slope = 0.17, 0.0
+
+    def tilted(rng):
+        return se3.from_xyz_rpy([0.0, 0.0, 0.0, *rng.normal(0.0, np.radians(0.3), 2), 0.0])
+
+    def on_ramp(x, yaw=0.0):
+        pitch = -np.arctan(slope[0])
+        level = se3.from_xyz_rpy([x, 0.0, slope[0] * x, 0.0, pitch, 0.0])
+        return level @ se3.from_xyz_rpy([0.0, 0.0, 0.0, 0.0, 0.0, yaw])
+
+    shifts = []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        scans = [
+            ground_returns(rng, 900, half=(4.0, 1.5), slope=slope, noise=0.02) for _ in range(30)
+        ]
+        landmarks = landmarks_seen_by(np.concatenate([s @ tilted(rng)[:3, :3] for s in scans]))
+        estimate = estimate_at(np.eye(4), (0.01, 0.01, 0.003))
+        for x in np.arange(-3.0, -0.05, 0.1):
+            estimate.predict(on_ramp(x), on_ramp(x + 0.1))
+        assert estimate.deviation[0] > 0.1
+        told = on_ramp(0.0)
+        for k in range(60):
+            before, true = told, on_ramp(0.0, 0.1 * (k + 1))
+            told = true @ tilted(rng)
+            estimate.predict(before, told)
+            seen = ground_returns(rng, 900, half=(3.0, 1.1), slope=slope, noise=0.02)
+            seen = np.ascontiguousarray(se3.transform_points(told @ se3.inverse(true), seen))
+            estimate.update_growing(seen, told, landmarks, has_ground=True)
+        shifts.append((estimate.T_map_odom @ told)[0, 3])
+    assert np.abs(shifts).max() < 0.0005
+
+
+def test_walls_tell_at_once_that_odometry_was_off_by_more(room):
+    true = se3.from_xyz_rpy([0.3, 0.1, 0.0, 0.0, 0.0, 0.4])
+    estimate = estimate_at(true @ se3.from_xyz_rpy([-0.1, 0.05, 0, 0, 0, 0.01]), (0.2, 0.2, 0.03))
+    seen = seen_from(true, ROOM)
+    for _ in range(3):
+        estimate.update_growing(seen, np.eye(4), room, has_ground=True)
+    error = se3.to_xyz_rpy(estimate.T_map_odom) - se3.to_xyz_rpy(true)
+    assert np.abs(error[:2]).max() < 0.01
