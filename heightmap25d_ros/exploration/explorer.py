@@ -39,6 +39,9 @@ OPENING = 0.25
 AGAIN = 2.0
 """Of the way that the robot sees: so far it goes to look again for what it has missed from afar."""
 
+BARREN = 3
+"""So many doubtful looks in a row may show less than half of ``min_gain`` of ground to drive on."""
+
 LEDGE = 3.0
 """Known cells that are higher than the ground beside them by so many steps are no ground."""
 
@@ -93,6 +96,8 @@ class Explorer:
         self._looks = Looks()
         self._surveyor = Surveyor(params, boundary, self._looks)
         self.given_up: list[Pose2D] = []
+        self._covered = 0.0  # [m^2] after the last look
+        self._barren = 0  # looks in a row
 
     def survey(self, height_map: HeightMap, robot: Pose2D) -> Survey:
         """Look over a map.
@@ -110,8 +115,12 @@ class Explorer:
         Where there is none, what was looked for in vain, and may be seen from elsewhere, counts as
         well for places that are as near as the robot sees. Then what opens ways to ``min_gain`` of
         new ground; and at last what was missed from afar, to be seen from near.
+
+        While obstacles are doubted nowhere, once `BARREN` looks in a row were not worth their way.
         """
         least = self._params.exploration.min_gain
+        if self._barren >= BARREN:
+            return Choice(goal=None, gain=0.0, places=np.empty((0, 2)), gains=np.empty(0))
         offered = [part for part in survey.slices if not part.is_missed]
         choice = self._best(_with_slices([s.restricted(s.fresh) for s in offered]), least)
         if choice.goal is None:
@@ -205,6 +214,9 @@ class Explorer:
     def note_look(self, survey: Survey) -> None:
         """The robot has turned around where it is: what should have been seen was looked for."""
         self._looks.note(survey)
+        shown, self._covered = survey.covered_area - self._covered, survey.covered_area
+        is_barren = shown < 0.5 * self._params.exploration.min_gain
+        self._barren = self._barren + 1 if is_barren and self._surveyor.is_doubting else 0
 
     def give_up(self, goal: Pose2D) -> None:
         """Do not choose a place, nor those right beside it, any more."""
@@ -218,6 +230,7 @@ class Explorer:
         """The map was begun anew."""
         self._looks.forget()
         self._surveyor.is_doubting = False
+        self._covered, self._barren = 0.0, 0
         self.given_up = []
 
     def _are_given_up(self, survey: Survey, cells: NDArray[np.int64]) -> NDArray[np.bool_]:

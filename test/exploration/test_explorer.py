@@ -202,6 +202,28 @@ def test_a_ramp_that_was_looked_for_from_its_foot_is_driven_up_before_the_end(mi
     assert explorer.choose(explorer.survey(shown, far)).goal is None
 
 
+def test_doubtful_looks_that_show_no_ground_to_drive_on_are_made_three_times_at_most():
+    """Three strips of ground too high for the robot, each of which two looks have missed."""
+    height = room(40.0, 4.0)
+    for x in (8.0, 16.0, 24.0, 32.0):
+        height[at(height, (x, x + 2.5), (2.0, 3.75))] = np.nan
+    shown = HeightMap.from_metres(height, resolution=CELL)
+    explorer, places = Explorer(Params()), []
+    for place in (Pose2D(x, 1.0, yaw=0.0) for x in (4.5, 12.5, 20.5, 28.5, 36.5)):
+        for _ in range(4):
+            explorer.note_look(explorer.survey(shown, place))
+    explorer.doubt_obstacles()
+    place = Pose2D(2.0, 1.0)
+    for _ in range(20):
+        goal = explorer.choose(explorer.survey(shown, place)).goal
+        if goal is None:
+            break
+        place = replace(goal, yaw=0.0)
+        places.append(place)
+        explorer.note_look(explorer.survey(shown, place))
+    assert len(places) == 3
+
+
 def test_a_way_on_that_was_missed_from_afar_is_looked_at_from_near_before_the_end():
     """Two looks from 4 m show little of what a rise hides; half a place may lie behind it."""
     height = room(30.0, 4.0)
