@@ -225,6 +225,7 @@ class Explorer:
     def take_back(self, goals: Sequence[Pose2D]) -> None:
         """Some of the places that were given up may be chosen after all."""
         self.given_up = [place for place in self.given_up if place not in goals]
+        self._barren = 0
 
     def forget(self) -> None:
         """The map was begun anew."""
