@@ -42,6 +42,9 @@ AGAIN = 2.0
 BARREN = 3
 """So many doubtful looks in a row may show less than half of ``min_gain`` of ground to drive on."""
 
+SPARE = 0.5
+"""Of the way so far: so much of it may doubtful looks in a row cost that show as little."""
+
 LEDGE = 3.0
 """Known cells that are higher than the ground beside them by so many steps are no ground."""
 
@@ -98,6 +101,7 @@ class Explorer:
         self.given_up: list[Pose2D] = []
         self._covered = 0.0  # [m^2] after the last look
         self._barren = 0  # looks in a row
+        self._fruitful = 0.0  # [m] driven until the last look that was not
 
     def survey(self, height_map: HeightMap, robot: Pose2D) -> Survey:
         """Look over a map.
@@ -109,32 +113,41 @@ class Explorer:
         """
         return self._surveyor.survey(height_map, robot)
 
-    def choose(self, survey: Survey) -> Choice:
+    def choose(self, survey: Survey, driven: float = 0.0) -> Choice:
         """Where to go first, of the places that show at least ``min_gain``.
 
         Where there is none, what was looked for in vain, and may be seen from elsewhere, counts as
         well for places that are as near as the robot sees. Then what opens ways to ``min_gain`` of
         new ground; and at last what was missed from afar, to be seen from near.
 
-        While obstacles are doubted nowhere, once `BARREN` looks in a row were not worth their way.
+        While obstacles are doubted nowhere, once `BARREN` looks in a row were not worth their way;
+        and no farther than what is left of `SPARE`.
+
+        Parameters
+        ----------
+        survey : Survey
+        driven : float [m]
+            Since the exploration began; 0: not known.
         """
-        least = self._params.exploration.min_gain
+        least, sight = self._params.exploration.min_gain, self._params.exploration.sight
         if self._barren >= BARREN:
             return Choice(goal=None, gain=0.0, places=np.empty((0, 2)), gains=np.empty(0))
+        reach = math.inf
+        if self._surveyor.is_doubting and driven > 0.0:
+            reach = (1.0 + SPARE) * self._fruitful - driven
         offered = [part for part in survey.slices if not part.is_missed]
-        choice = self._best(_with_slices([s.restricted(s.fresh) for s in offered]), least)
+        choice = self._best(_with_slices([s.restricted(s.fresh) for s in offered]), least, reach)
         if choice.goal is None:
             certain = _with_slices([s.restricted(s.certain) for s in offered])
-            choice = self._best(certain, least, farthest=self._params.exploration.sight)
+            choice = self._best(certain, least, min(sight, reach))
         if choice.goal is not None:
             return choice
         opened = self._opened(survey)
         if any(part.scenery.wanted.any() for part in opened):
-            choice = self._best(_with_slices(opened), OPENING * least)
+            choice = self._best(_with_slices(opened), OPENING * least, reach)
         missed = [part for part in survey.slices if part.is_missed]
         if choice.goal is None and missed:
-            farthest = AGAIN * self._params.exploration.sight
-            choice = self._best(_with_slices(missed), least, farthest)
+            choice = self._best(_with_slices(missed), least, min(AGAIN * sight, reach))
         return choice
 
     def _opened(self, survey: Survey) -> list[Survey]:
@@ -184,7 +197,7 @@ class Explorer:
         climbed = math.tan(terrain.max_slope) * survey.geometry.resolution * away
         return np.asarray(survey.scenery.known & (rise > LEDGE * terrain.max_step + climbed))
 
-    def _best(self, survey: Survey, least: float, farthest: float = math.inf) -> Choice:
+    def _best(self, survey: Survey, least: float, farthest: float) -> Choice:
         """The first place of a tour of those, in all slices, that show at least so much [m^2].
 
         Those to which the way costs more than a length [m] are left out.
@@ -211,12 +224,22 @@ class Explorer:
         cells = frontiers.viewpoints(survey.costs, spacing)
         return Candidates(survey, cells[~self._are_given_up(survey, cells)], own)
 
-    def note_look(self, survey: Survey) -> None:
-        """The robot has turned around where it is: what should have been seen was looked for."""
+    def note_look(self, survey: Survey, driven: float = 0.0) -> None:
+        """The robot has turned around where it is: what should have been seen was looked for.
+
+        Parameters
+        ----------
+        survey : Survey
+        driven : float [m]
+            As of `choose`.
+        """
         self._looks.note(survey)
         shown, self._covered = survey.covered_area - self._covered, survey.covered_area
         is_barren = shown < 0.5 * self._params.exploration.min_gain
-        self._barren = self._barren + 1 if is_barren and self._surveyor.is_doubting else 0
+        if is_barren and self._surveyor.is_doubting:
+            self._barren += 1
+        else:
+            self._barren, self._fruitful = 0, driven
 
     def give_up(self, goal: Pose2D) -> None:
         """Do not choose a place, nor those right beside it, any more."""

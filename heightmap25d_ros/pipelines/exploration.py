@@ -294,7 +294,7 @@ class Exploration:
         """The next place to look from; or the end."""
         self._drop_goal(run)
         survey = self._surveyed(run, robot)
-        self.choice = choice = run.explorer.choose(survey)
+        self.choice = choice = run.explorer.choose(survey, run.distance)
         if not np.isfinite(survey.costs).any():
             return self._finish(End.STUCK, "no path leads away from where the robot stands")
         if choice.goal is None:
@@ -346,7 +346,7 @@ class Exploration:
         missing = survey.unseen_around(robot)
         area = len(missing) * survey.cell_area
         if area < _LEAST_LOOK * run.task.min_gain:
-            run.explorer.note_look(survey)
+            run.explorer.note_look(survey, run.distance)
             return None
         headings = headings_to_see(missing, robot, self._params.exploration.blind_radius)
         return self._look(run, robot, headings)
@@ -361,7 +361,7 @@ class Exploration:
             if self._maps <= run.maps_at_last_heading + 1:  # one may have been on its way
                 return self._missed_map(run)
             run.maps_at_last_heading = None
-            run.explorer.note_look(self._surveyed(run, robot))
+            run.explorer.note_look(self._surveyed(run, robot), run.distance)
             self._drop_goal(run)
             return None
         fault = self._refusal or run.standstill(self._params.exploration.stuck_timeout)

@@ -224,6 +224,23 @@ def test_doubtful_looks_that_show_no_ground_to_drive_on_are_made_three_times_at_
     assert len(places) == 3
 
 
+@pytest.mark.parametrize(("driven", "is_worth"), [(0.0, True), (20.0, False), (60.0, True)])
+def test_a_doubtful_look_costs_half_of_the_way_so_far_at_most(driven, is_worth):
+    """17.5 m to a ramp that was missed from its foot; 0: nobody tells how far it has driven."""
+    height = room(30.0, 4.0)
+    x = (np.arange(height.shape[1]) + 0.5) * CELL
+    up = at(height, (20.0, 29.75), (0.25, 3.75))
+    height[up] = (0.2 * (x - 20.0))[up[1]]
+    height[at(height, (23.0, 29.75), (0.25, 3.75))] = np.nan
+    shown = HeightMap.from_metres(height, resolution=CELL)
+    explorer, foot, far = Explorer(Params()), Pose2D(19.5, 2.0), Pose2D(2.0, 2.0)
+    for _ in range(2):
+        explorer.note_look(explorer.survey(shown, foot), driven)
+    explorer.doubt_obstacles()
+    goal = explorer.choose(explorer.survey(shown, far), driven).goal
+    assert (goal is not None) == is_worth
+
+
 def test_a_way_on_that_was_missed_from_afar_is_looked_at_from_near_before_the_end():
     """Two looks from 4 m show little of what a rise hides; half a place may lie behind it."""
     height = room(30.0, 4.0)
