@@ -23,6 +23,7 @@ SCANS = (
     "-p", "intake.timeout:=30.0",  # the last status is that of the drive
 )  # fmt: skip
 OWN = (*SCANS, "-p", "localization.own_map:=true")
+BEGIN = 10**18  # [ns]
 MIDDLE, END = 4.0, 8.0  # [s] of the drive
 
 
@@ -48,10 +49,13 @@ def nodes(client, directory, own_map, *mapping):
         yield said
 
 
-def play(client, begin, end):
+def play(client, poses, begin, end):
+    """Play a part of the drive, and wait until the poses that are told have come to its end."""
     part = "--start", str(begin), "--duration", str(end - begin)
     played = replay(BAGS / "room_1", "--rate", "2", *part)
     client.wait(lambda: played.poll() is not None, 2 * PATIENCE)
+    last = BEGIN + round((end - 0.3) * 1e9)
+    client.wait(lambda: bool(poses) and decode.stamp_ns(poses[-1].header) >= last, PATIENCE)
     client.spin(1.0)
 
 
@@ -79,7 +83,7 @@ def test_a_lap_on_its_own_map_that_is_ended_and_gone_on_with(client, tmp_path, t
     client.subscribe("localization/submaps", Path)
     client.subscribe("height_grid", HeightGrid)
     with nodes(client, tmp_path, ()) as said:
-        play(client, 0.0, MIDDLE)
+        play(client, said["pose"], 0.0, MIDDLE)
     assert np.median(errors(said["pose"], truth)) < 0.05
     assert errors(said["pose"], truth).max() < 0.25  # where a busy machine loses scans
     assert said["localization/status"][-1].state == LocalizationStatus.TRACKING
@@ -93,7 +97,7 @@ def test_a_lap_on_its_own_map_that_is_ended_and_gone_on_with(client, tmp_path, t
         client.wait(lambda: "height_grid" in client.newest)
         loaded = decode.height_map(client.newest["height_grid"])
         assert loaded.known.sum() == saved.known.sum()
-        play(client, MIDDLE - 1.0, END)
+        play(client, said["pose"], MIDDLE - 1.0, END)
     states = [message.state for message in said["localization/status"]]
     assert states[0] == LocalizationStatus.LOST
     assert states[-1] == LocalizationStatus.TRACKING
