@@ -20,11 +20,21 @@ from launch_ros.actions import Node, SetRemap
 from heightmap25d_ros.commands import bringup
 
 
-def own_nodes(context):
-    """Exploration, and what drives and simulates the robot."""
+def parameters_of(context):
+    """Of each node of this file, by the launch arguments."""
     argument = {
         name: LaunchConfiguration(name).perform(context) for name in bringup.EXPLORATION_ARGUMENTS
     }
+    return bringup.exploration_parameters(argument)
+
+
+def check(context):
+    """Refuse wrong arguments before anything is started, which would be left running."""
+    parameters_of(context)
+
+
+def own_nodes(context):
+    """Exploration, and what drives and simulates the robot."""
     return [
         Node(
             package=bringup.PACKAGE,
@@ -35,7 +45,7 @@ def own_nodes(context):
             output="screen",
             on_exit=Shutdown(reason=f"{name} has ended"),
         )
-        for name, parameters in bringup.exploration_parameters(argument).items()
+        for name, parameters in parameters_of(context).items()
     ]
 
 
@@ -49,6 +59,7 @@ def generate_launch_description():
     return LaunchDescription(
         [
             *declared,
+            OpaqueFunction(function=check),
             SetRemap("/clock", "clock"),  # in a namespace, each robot has a time of its own
             SetLaunchConfiguration("use_sim_time", LaunchConfiguration("use_sim")),
             IncludeLaunchDescription(str(nodes)),

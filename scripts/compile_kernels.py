@@ -7,10 +7,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 
+from heightmap25d_ros.exploration import explorer
 from heightmap25d_ros.params.by_name import with_values
 from heightmap25d_ros.params.sections import Params
 from heightmap25d_ros.pipelines import localization, mapping
-from heightmap25d_ros.planning import planner
 
 PARAMS = with_values(Params(), {"intake.cloud_topics": ["points"]})  # those of clouds, too
 
@@ -25,12 +25,18 @@ def compile_localization() -> None:
     localization.compile_kernels(PARAMS)
 
 
+def compile_own_map() -> None:
+    """Localization on a map that the robot makes."""
+    localization.compile_kernels(with_values(PARAMS, {"localization.own_map": True}))
+
+
 def main() -> None:
     """Compile on all cores; what two processes need is compiled by the one that is first."""
     nodes: list[Callable[[], None]] = [
         compile_mapping,
         compile_localization,
-        planner.compile_kernels,
+        compile_own_map,
+        explorer.compile_kernels,  # and planning's
     ]
     with ProcessPoolExecutor() as pool:
         for done in [pool.submit(node) for node in nodes]:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,7 @@ from heightmap25d_ros.exploration.surveyor import Surveyor
 from heightmap25d_ros.exploration.tour import MOST, least_between, soonest_tour
 from heightmap25d_ros.grid.height_map import HeightMap
 from heightmap25d_ros.params.sections import Params
+from heightmap25d_ros.planning import planner
 from heightmap25d_ros.planning.boundary import Boundary
 from heightmap25d_ros.planning.plan import Pose2D
 
@@ -270,3 +272,25 @@ class Explorer:
 
 def _with_slices(slices: Sequence[Survey]) -> Survey:
     return replace(slices[0], others=tuple(slices[1:]))
+
+
+@cache
+def compile_kernels() -> None:
+    """Compile, or load from numba's cache, all that a choice needs."""
+    planner.compile_kernels()
+    metres = np.full((48, 96), np.nan)
+    metres[:, :56] = 0.0
+    metres[10, 20:50] = 0.15  # a low step, which is doubted
+    explorer, robot = Explorer(Params()), Pose2D(2.0, 3.0)
+    for column in (56, 58):  # the second map has changed
+        metres[:, :column] = np.nan_to_num(metres[:, :column])
+        height_map = HeightMap.from_metres(metres)
+        seldom = replace(
+            height_map, probability=height_map.probability - height_map.probability // 4
+        )
+        survey = explorer.survey(seldom, robot)
+        explorer.choose(survey)
+        explorer.note_look(survey)
+        explorer.doubt_obstacles()
+    known, height = survey.scenery.known, survey.scenery.height.copy()
+    frontiers.wanted(known, survey.covered, np.ones_like(known), 4.0, height)

@@ -22,7 +22,7 @@ from heightmap25d_msgs.msg import (
     PlanStatus,
 )
 from heightmap25d_ros.errors import InputError
-from heightmap25d_ros.exploration.explorer import Choice
+from heightmap25d_ros.exploration.explorer import Choice, compile_kernels
 from heightmap25d_ros.io import encode
 from heightmap25d_ros.nodes import qos, runtime
 from heightmap25d_ros.nodes.interface import Action, Input, Output, Service
@@ -34,7 +34,6 @@ from heightmap25d_ros.pipelines.exploration import Exploration
 from heightmap25d_ros.pipelines.exploration_task import End, State, Task, requested
 from heightmap25d_ros.planning.boundary import Boundary
 from heightmap25d_ros.planning.plan import Pose2D
-from heightmap25d_ros.planning.planner import compile_kernels
 from heightmap25d_ros.viz import palette
 
 _PERIOD = 0.2  # [s] between two turns
