@@ -6,14 +6,7 @@ With use_sim:=false for a robot of one's own: no simulator then, and time from t
 """
 
 from ament_index_python import get_package_share_path
-from launch import LaunchDescription
-from launch.actions import (
-    DeclareLaunchArgument,
-    IncludeLaunchDescription,
-    OpaqueFunction,
-    SetLaunchConfiguration,
-    Shutdown,
-)
+from launch import LaunchDescription, actions
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node, SetRemap
 
@@ -22,14 +15,12 @@ from heightmap25d_ros.commands import bringup
 
 def parameters_of(context):
     """Of each node of this file, by the launch arguments."""
-    argument = {
-        name: LaunchConfiguration(name).perform(context) for name in bringup.EXPLORATION_ARGUMENTS
-    }
-    return bringup.exploration_parameters(argument)
+    values = {n: LaunchConfiguration(n).perform(context) for n in bringup.EXPLORATION_ARGUMENTS}
+    return bringup.exploration_parameters(values)
 
 
 def check(context):
-    """Refuse wrong arguments before anything is started, which would be left running."""
+    """Refuse wrong arguments before a node is started that would be left running."""
     parameters_of(context)
 
 
@@ -43,7 +34,7 @@ def own_nodes(context):
             parameters=[LaunchConfiguration("params_file"), parameters],
             remappings=bringup.REMAPPINGS,
             output="screen",
-            on_exit=Shutdown(reason=f"{name} has ended"),
+            on_exit=actions.Shutdown(reason=f"{name} has ended"),
         )
         for name, parameters in parameters_of(context).items()
     ]
@@ -53,16 +44,16 @@ def generate_launch_description():
     """The bringup of mapping and planning, with its arguments, and the nodes of this file."""
     nodes = get_package_share_path(bringup.PACKAGE) / "launch" / "bringup.launch.py"
     declared = [
-        DeclareLaunchArgument(name, default_value=default, description=meaning)
+        actions.DeclareLaunchArgument(name, default_value=default, description=meaning)
         for name, (default, meaning) in bringup.EXPLORATION_ARGUMENTS.items()
     ]
     return LaunchDescription(
         [
             *declared,
-            OpaqueFunction(function=check),
+            actions.OpaqueFunction(function=check),
             SetRemap("/clock", "clock"),  # in a namespace, each robot has a time of its own
-            SetLaunchConfiguration("use_sim_time", LaunchConfiguration("use_sim")),
-            IncludeLaunchDescription(str(nodes)),
-            OpaqueFunction(function=own_nodes),
+            actions.SetLaunchConfiguration("use_sim_time", LaunchConfiguration("use_sim")),
+            actions.IncludeLaunchDescription(str(nodes)),
+            actions.OpaqueFunction(function=own_nodes),
         ]
     )
