@@ -136,7 +136,9 @@ class Explorer:
             return Choice(goal=None, gain=0.0, places=np.empty((0, 2)), gains=np.empty(0))
         reach = math.inf
         if self._surveyor.is_doubting and driven > 0.0:
-            reach = (1.0 + SPARE) * self._fruitful - driven
+            # At the start there is no way yet of which a share could be spared.
+            spare = max(SPARE * self._fruitful, AGAIN * sight)
+            reach = spare - (driven - self._fruitful)
         offered = [part for part in survey.slices if not part.is_missed]
         choice = self._best(_with_slices([s.restricted(s.fresh) for s in offered]), least, reach)
         if choice.goal is None:

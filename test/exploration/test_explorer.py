@@ -241,6 +241,21 @@ def test_a_doubtful_look_costs_half_of_the_way_so_far_at_most(driven, is_worth):
     assert (goal is not None) == is_worth
 
 
+def test_a_robot_that_has_hardly_moved_looks_at_what_it_doubts_all_the_same():
+    """After the first turn, with 2 cm of odometry, half of the way so far is nothing."""
+    height = room(30.0, 4.0)
+    x = (np.arange(height.shape[1]) + 0.5) * CELL
+    up = at(height, (8.0, 29.75), (0.25, 3.75))
+    height[up] = (0.2 * (x - 8.0))[up[1]]
+    height[at(height, (11.0, 29.75), (0.25, 3.75))] = np.nan
+    shown = HeightMap.from_metres(height, resolution=CELL)
+    explorer, foot = Explorer(Params()), Pose2D(7.5, 2.0)
+    for _ in range(2):
+        explorer.note_look(explorer.survey(shown, foot), 0.01)
+    explorer.doubt_obstacles()
+    assert explorer.choose(explorer.survey(shown, foot), 0.02).goal is not None
+
+
 def test_a_way_on_that_was_missed_from_afar_is_looked_at_from_near_before_the_end():
     """Two looks from 4 m show little of what a rise hides; half a place may lie behind it."""
     height = room(30.0, 4.0)
