@@ -177,18 +177,23 @@ def test_what_was_looked_for_in_vain_is_looked_for_again_by_who_is_near():
     assert explorer.choose(explorer.survey(shown, near)).goal is None
 
 
+def ramp_of_which_3_m_are_known(foot):
+    """A hall of 30 m x 4 m, in which the ground rises from x = foot on."""
+    height = room(30.0, 4.0)
+    x = (np.arange(height.shape[1]) + 0.5) * CELL
+    up = at(height, (foot, 29.75), (0.25, 3.75))
+    height[up] = (0.2 * (x - foot))[up[1]]
+    height[at(height, (foot + 3.0, 29.75), (0.25, 3.75))] = np.nan
+    return HeightMap.from_metres(height, resolution=CELL)
+
+
 @pytest.mark.parametrize("min_gain", [2.0, 5.0])
 def test_a_ramp_that_was_looked_for_from_its_foot_is_driven_up_before_the_end(min_gain):
     """Nothing hides its upper part there, but scanners see nothing above themselves.
 
     4.5 m^2 of it are in sight from below: more, or less, but they open the way.
     """
-    height = room(30.0, 4.0)
-    x = (np.arange(height.shape[1]) + 0.5) * CELL
-    up = at(height, (20.0, 29.75), (0.25, 3.75))
-    height[up] = (0.2 * (x - 20.0))[up[1]]
-    height[at(height, (23.0, 29.75), (0.25, 3.75))] = np.nan
-    shown = HeightMap.from_metres(height, resolution=CELL)
+    shown = ramp_of_which_3_m_are_known(20.0)
     explorer = Explorer(with_values(Params(), {"exploration.min_gain": min_gain}))
     foot, far = Pose2D(19.5, 2.0), Pose2D(2.0, 2.0)
     for _ in range(2):
@@ -227,12 +232,7 @@ def test_doubtful_looks_that_show_no_ground_to_drive_on_are_made_three_times_at_
 @pytest.mark.parametrize(("driven", "is_worth"), [(0.0, True), (20.0, False), (60.0, True)])
 def test_a_doubtful_look_costs_half_of_the_way_so_far_at_most(driven, is_worth):
     """17.5 m to a ramp that was missed from its foot; 0: nobody tells how far it has driven."""
-    height = room(30.0, 4.0)
-    x = (np.arange(height.shape[1]) + 0.5) * CELL
-    up = at(height, (20.0, 29.75), (0.25, 3.75))
-    height[up] = (0.2 * (x - 20.0))[up[1]]
-    height[at(height, (23.0, 29.75), (0.25, 3.75))] = np.nan
-    shown = HeightMap.from_metres(height, resolution=CELL)
+    shown = ramp_of_which_3_m_are_known(20.0)
     explorer, foot, far = Explorer(Params()), Pose2D(19.5, 2.0), Pose2D(2.0, 2.0)
     for _ in range(2):
         explorer.note_look(explorer.survey(shown, foot), driven)
@@ -243,12 +243,7 @@ def test_a_doubtful_look_costs_half_of_the_way_so_far_at_most(driven, is_worth):
 
 def test_a_robot_that_has_hardly_moved_looks_at_what_it_doubts_all_the_same():
     """After the first turn, with 2 cm of odometry, half of the way so far is nothing."""
-    height = room(30.0, 4.0)
-    x = (np.arange(height.shape[1]) + 0.5) * CELL
-    up = at(height, (8.0, 29.75), (0.25, 3.75))
-    height[up] = (0.2 * (x - 8.0))[up[1]]
-    height[at(height, (11.0, 29.75), (0.25, 3.75))] = np.nan
-    shown = HeightMap.from_metres(height, resolution=CELL)
+    shown = ramp_of_which_3_m_are_known(8.0)
     explorer, foot = Explorer(Params()), Pose2D(7.5, 2.0)
     for _ in range(2):
         explorer.note_look(explorer.survey(shown, foot), 0.01)
