@@ -57,7 +57,7 @@ def surroundings(
     area = Area(int(iy), int(ix), int(rows), int(columns))
     z = float(position[2]) - level
     heights = z - STOREY, z + STOREY
-    whole = joined(near, area, resolution, level, heights, has_walls_of_others=has_walls_of_levels)
+    whole = joined(near, area, resolution, level, heights, has_walls_of_levels=has_walls_of_levels)
     height_map = HeightMap.from_metres(
         whole.top + np.float64(level), resolution=resolution, ground_zero=level,
         origin=(float(ix * resolution), float(iy * resolution)),

@@ -231,7 +231,7 @@ def joined(
     level: float,
     heights: tuple[float, float] = (-np.inf, np.inf),
     *,
-    has_walls_of_others: bool = False,
+    has_walls_of_levels: bool = False,
 ) -> Joined:
     """Join submaps where they are now.
 
@@ -245,8 +245,8 @@ def joined(
         What the heights are above.
     heights : (lowest, highest) [m], optional
         From the level: cells that are wholly below or above are left out.
-    has_walls_of_others : bool, optional
-        Whether the walls in these are not.
+    has_walls_of_levels : bool, optional
+        Whether the walls in these are in the layers all the same.
     """
     layers = np.zeros((len(NAMES), *area.shape), np.float32)
     top = np.full(area.shape, np.nan, np.float32)
@@ -255,7 +255,7 @@ def joined(
         lift = float(T[2, 3]) + submap.level - level
         placed = float(T[0, 0]), float(T[1, 0]), float(T[0, 3]), float(T[1, 3]), lift
         corner = area.iy, area.ix
-        _add_cells(cells, placed, corner, resolution, heights, has_walls_of_others, layers, top)
+        _add_cells(cells, placed, corner, resolution, heights, has_walls_of_levels, layers, top)
     return Joined(layers, top)
 
 
@@ -270,7 +270,7 @@ def joined_layers(submaps: Sequence[RigidCells], geometry: Geometry) -> LayerMap
 
 
 @kernel
-def _add_cells(submap, placed, corner, resolution, heights, has_walls_of_others, layers, top):
+def _add_cells(submap, placed, corner, resolution, heights, has_walls_of_levels, layers, top):
     """Add the cells of a submap to those that others have."""
     index, cells, tops = submap
     counts = layers[0], layers[6]
@@ -280,7 +280,7 @@ def _add_cells(submap, placed, corner, resolution, heights, has_walls_of_others,
             lowest = cells[k, 2]
             highest = tops[k] if tops[k] > lowest else lowest
         is_near = placed[4] + highest >= heights[0] and placed[4] + lowest <= heights[1]
-        if not (is_near or has_walls_of_others):
+        if not (is_near or has_walls_of_levels):
             continue
         x0 = (index[k, 1] + 0.5) * resolution
         y0 = (index[k, 0] + 0.5) * resolution
