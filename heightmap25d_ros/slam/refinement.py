@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.arrays import Array
@@ -21,6 +22,8 @@ from heightmap25d_ros.slam.map_pass import ScanPose, is_apart
 from heightmap25d_ros.slam.own_map_tracker import OwnMapTracker
 from heightmap25d_ros.slam.pose_graph import Edge, PoseGraph, between
 
+_STEADY, _PLACE = 0.1, 0.005  # [m] of way, on either side; in which scans count as one
+_RADIAN = 0.5  # [m] of way that wheels go while the robot turns by a radian
 _LEAST_EDGE = np.diag(np.square([0.005, 0.005, 0.001, 0.002]))  # covariance of a submap's length
 
 
@@ -132,14 +135,44 @@ def _between_keyframes(tracker: OwnMapTracker, found: Refined) -> list[ScanPose]
     left, share = _shares(_distances(T_odom_base), scans)
     right = np.minimum(left + 1, len(scans) - 1)
     tilts = found.tilts[left] + share[:, None] * (found.tilts[right] - found.tilts[left])
-    poses = []
-    for placed, k, j, part, tilt in zip(tracker.placed, left, right, share, tilts, strict=True):
-        one, other = found.T_map_odom[[k, j]] @ placed.T_odom_base
-        T_map_base = _partly(one, other, part)
-        T_map_odom = T_map_base @ se3.inverse(placed.T_odom_base)
-        T_map_odom = se3.tilt_about(T_map_base, tilt) @ T_map_odom @ placed.T_odom_wheels
-        poses.append(ScanPose(placed.stamp_ns, T_map_odom, placed.is_sure))
-    return poses
+    T_map_base = np.empty_like(T_odom_base)
+    for i, (k, j, part, tilt) in enumerate(zip(left, right, share, tilts, strict=True)):
+        one, other = found.T_map_odom[[k, j]] @ T_odom_base[i]
+        between = _partly(one, other, part)
+        T_map_base[i] = se3.tilt_about(between, tilt) @ between
+    T_odom_wheels = np.array([placed.T_odom_wheels for placed in tracker.placed])
+    T_map_odom = with_steady_tilts(T_map_base) @ se3.inverse(T_odom_base) @ T_odom_wheels
+    return [
+        ScanPose(placed.stamp_ns, T, placed.is_sure)
+        for placed, T in zip(tracker.placed, T_map_odom, strict=True)
+    ]
+
+
+def with_steady_tilts(T_map_base: se3.Matrix) -> se3.Matrix:
+    """Poses (N, 4, 4) of a drive with roll and pitch averaged over `_STEADY` of the way around.
+
+    The error of an inclinometer wanders within fractions of a second, also while the robot stands;
+    how the robot is tilted changes as its wheels come to other ground. (A cell keeps the highest
+    of what it was told, and so each of these errors.)
+
+    Parameters
+    ----------
+    T_map_base : (N, 4, 4) float64
+        In the order of the drive, N >= 1.
+    """
+    xyz_rpy = se3.to_xyz_rpy(T_map_base)
+    turns = np.abs(np.angle(np.exp(1j * np.diff(xyz_rpy[:, 5]))))
+    steps = np.linalg.norm(np.diff(T_map_base[:, :3, 3], axis=0), axis=1) + _RADIAN * turns
+    along = np.append(0.0, np.cumsum(np.minimum(steps, 2.0 * _STEADY)))
+    place = np.floor(along / _PLACE).astype(np.int64)
+    reach = round(_STEADY / _PLACE)
+    weights = 1.0 - np.abs(np.arange(-reach, reach + 1)) / (reach + 1)
+    scans, roll, pitch = (
+        ndimage.correlate1d(np.bincount(place, of_scans), weights, mode="constant")[place]
+        for of_scans in (np.ones(len(place)), *xyz_rpy[:, 3:5].T)
+    )
+    xyz_rpy[:, 3], xyz_rpy[:, 4] = roll / scans, pitch / scans
+    return np.asarray(se3.from_xyz_rpy(xyz_rpy))
 
 
 def _partly(one: se3.Matrix, other: se3.Matrix, part: float) -> se3.Matrix:
