@@ -164,7 +164,7 @@ def with_steady_tilts(T_map_base: se3.Matrix) -> se3.Matrix:
     turns = np.abs(np.angle(np.exp(1j * np.diff(xyz_rpy[:, 5]))))
     steps = np.linalg.norm(np.diff(T_map_base[:, :3, 3], axis=0), axis=1) + _RADIAN * turns
     along = np.append(0.0, np.cumsum(np.minimum(steps, 2.0 * _STEADY)))
-    place = np.floor(along / _PLACE).astype(np.int64)
+    place = np.rint(along / _PLACE).astype(np.int64)
     reach = round(_STEADY / _PLACE)
     weights = 1.0 - np.abs(np.arange(-reach, reach + 1)) / (reach + 1)
     scans, roll, pitch = (

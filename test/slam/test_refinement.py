@@ -6,6 +6,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.params.sections import Params
@@ -105,3 +108,51 @@ def test_of_level_lasers_alone_poses_stay_as_localization_has_found_them(monkeyp
     np.testing.assert_array_equal(
         [pose.T_map_odom for pose in found], np.eye(4)[None].repeat(10, 0)
     )
+
+
+def driven(steps, roll, pitch, turns=0.0):
+    """Poses of a drive ahead, by steps [m] and turns [rad], and with these tilts [rad]."""
+    values = np.zeros((len(steps), 6))
+    values[:, 0], values[:, 5] = np.cumsum(steps), np.cumsum(np.broadcast_to(turns, len(steps)))
+    values[:, 3], values[:, 4] = roll, pitch
+    return se3.from_xyz_rpy(values)
+
+
+def test_an_inclinometer_that_wanders_while_the_robot_stands_tilts_no_scan():
+    wandering = np.radians(0.3) * np.random.default_rng(1).normal(size=(2, 400))
+    standing = driven(np.zeros(400), *wandering)
+    tilts = se3.to_xyz_rpy(refinement.with_steady_tilts(standing))[:, 3:5]
+    np.testing.assert_allclose(tilts, wandering.mean(axis=1)[None].repeat(400, 0), atol=1e-12)
+
+
+def test_ground_that_bends_evenly_keeps_its_tilts():
+    steps = np.full(200, 0.01)
+    pitch = 0.2 * np.cumsum(steps)
+    steady = se3.to_xyz_rpy(refinement.with_steady_tilts(driven(steps, -pitch, pitch)))
+    np.testing.assert_allclose(steady[15:-15, 3], -pitch[15:-15], atol=2e-4)
+    np.testing.assert_allclose(steady[15:-15, 4], pitch[15:-15], atol=2e-4)
+
+
+def test_tilts_of_places_that_are_farther_apart_do_not_mix():
+    pitch = np.where(np.arange(40) < 20, 0.0, 0.3)
+    for steps, turns in ((np.full(40, 0.15), 0.0), (np.zeros(40), 0.3), (np.full(40, 1e9), 0.0)):
+        found = se3.to_xyz_rpy(refinement.with_steady_tilts(driven(steps, 0.0, pitch, turns)))
+        np.testing.assert_allclose(found[:, 4], pitch, atol=1e-6)
+
+
+@given(
+    fives=arrays(np.int64, 30, elements=st.integers(0, 10)),
+    tilts=arrays(np.float64, (2, 30), elements=st.floats(-0.3, 0.3)),
+)
+def test_steady_tilts_are_means_weighted_by_how_near_scans_are(fives, tilts):
+    given_poses = driven(0.005 * fives, *tilts)
+    found = se3.to_xyz_rpy(refinement.with_steady_tilts(given_poses))
+    at = np.cumsum(fives)
+    for scan in range(30):
+        weights = [max(0.0, 1.0 - abs(at[scan] - other) / 21.0) for other in at]
+        for angle in (0, 1):
+            assert found[scan, 3 + angle] == pytest.approx(
+                np.average(tilts[angle], weights=weights), abs=1e-9
+            )
+    others = [0, 1, 2, 5]
+    np.testing.assert_allclose(found[:, others], se3.to_xyz_rpy(given_poses)[:, others], atol=1e-12)
