@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """ros2 launch heightmap25d_ros bringup.launch.py params_file:=my_robot.yaml: the nodes."""
 
-from pathlib import Path
-
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch.substitutions import LaunchConfiguration
@@ -19,8 +17,7 @@ def start(context):
     """The nodes that are asked for; when one ends by itself, so do the others."""
     names = [*bringup.ARGUMENTS, "autostart"]
     argument = {name: LaunchConfiguration(name).perform(context) for name in names}
-    if not Path(argument["params_file"]).is_file():
-        raise ValueError(f"params_file:={argument['params_file']}: is not a file")
+    params_file = bringup.existing_file("params_file", argument["params_file"])
     switches = {
         name: bringup.is_true(name, argument[name]) for name in ("use_sim_time", "autostart")
     }
@@ -30,7 +27,7 @@ def start(context):
             executable=name,
             namespace=argument["namespace"],
             parameters=[
-                argument["params_file"],
+                params_file,
                 switches | bringup.map_parameters(name, argument["map"]),
             ],
             remappings=bringup.REMAPPINGS,

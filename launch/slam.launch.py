@@ -6,53 +6,53 @@
 `mapping` follows its correction. With a saved map both go on from it, wherever the robot is on it.
 """
 
-from pathlib import Path
-
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
 
 from heightmap25d_ros.commands import bringup
 
-
-def node(name, parameters):
-    """One of the nodes; when it ends by itself, so does the other one."""
-    return Node(
-        package=bringup.PACKAGE,
-        executable=name,
-        namespace=LaunchConfiguration("namespace"),
-        parameters=[LaunchConfiguration("params_file"), parameters],
-        remappings=bringup.REMAPPINGS,
-        output="screen",
-        on_exit=Shutdown(reason=f"{name} has ended"),
-    )
+ARGUMENTS = {
+    "params_file": str(bringup.default_params_file()),
+    "map": "",
+    "namespace": "",
+    "use_sim_time": "false",
+}
 
 
 def nodes(context):
-    """The nodes, and what they know of a saved map."""
-    time = {"use_sim_time": ParameterValue(LaunchConfiguration("use_sim_time"), value_type=bool)}
-    localization, mapping = {"localization.own_map": True}, {"mapping.needs_localization": True}
-    saved = LaunchConfiguration("map").perform(context)
-    if saved:
-        path = Path(saved).resolve()
-        localization["localization.map_directory"] = str(path)
-        mapping |= {"mapping.map_directory": str(path.parent), "mapping.initial_map": path.name}
-    return [node("localization", time | localization), node("mapping", time | mapping)]
+    """The nodes, and what they know of a saved map; when one ends by itself, so does the other."""
+    argument = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+    params_file = bringup.existing_file("params_file", argument["params_file"])
+    is_simulated = bringup.is_true("use_sim_time", argument["use_sim_time"])
+    own = {
+        "localization": {"localization.own_map": True},
+        "mapping": {"mapping.needs_localization": True},
+    }
+    return [
+        Node(
+            package=bringup.PACKAGE,
+            executable=name,
+            namespace=argument["namespace"],
+            parameters=[
+                params_file,
+                own[name]
+                | {"use_sim_time": is_simulated}
+                | bringup.map_parameters(name, argument["map"]),
+            ],
+            remappings=bringup.REMAPPINGS,
+            output="screen",
+            on_exit=Shutdown(reason=f"{name} has ended"),
+        )
+        for name in own
+    ]
 
 
 def generate_launch_description():
     """Arguments and nodes."""
-    return LaunchDescription([
-        DeclareLaunchArgument(
-            "params_file", default_value=str(bringup.default_params_file()),
-            description="parameters of the nodes",
-        ),
-        DeclareLaunchArgument("namespace", default_value="", description="of the nodes"),
-        DeclareLaunchArgument("use_sim_time", default_value="false", description="/clock counts"),
-        DeclareLaunchArgument(
-            "map", default_value="", description="directory of a saved map to go on from"
-        ),
-        OpaqueFunction(function=nodes),
-    ])  # fmt: skip
+    declared = [
+        DeclareLaunchArgument(name, default_value=default, description=bringup.ARGUMENTS[name])
+        for name, default in ARGUMENTS.items()
+    ]
+    return LaunchDescription([*declared, OpaqueFunction(function=nodes)])

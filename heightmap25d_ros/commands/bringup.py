@@ -84,6 +84,19 @@ def map_parameters(node: str, map_directory: str) -> dict[str, str]:
     return {}
 
 
+def existing_file(name: str, text: str) -> str:
+    """The file that an argument names: launch would only warn of one that is missing.
+
+    Raises
+    ------
+    ValueError
+        If there is none.
+    """
+    if not Path(text).is_file():
+        raise ValueError(f"{name}:={text}: is not a file")
+    return text
+
+
 def is_true(name: str, text: str) -> bool:
     """What an argument says, as YAML has it: True, yes and on count as well.
 

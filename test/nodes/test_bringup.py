@@ -130,6 +130,11 @@ def test_ros2_launch_starts_and_ends_the_nodes(tmp_path):
         ("bringup", "map:=/nowhere/yard", "/nowhere/yard"),
         ("bringup", "params_file:=/nowhere.yaml", "params_file:=/nowhere.yaml: is not a file"),
         ("bringup", "use_sim_time:=maybe", "use_sim_time:=maybe: is neither true nor false"),
+        ("slam", "map:=/nowhere/yard", "/nowhere/yard"),
+        ("slam", "params_file:=/nowhere.yaml", "params_file:=/nowhere.yaml: is not a file"),
+        ("slam", "use_sim_time:=maybe", "use_sim_time:=maybe: is neither true nor false"),
+        ("exploration", "params_file:=/nowhere.yaml", "/nowhere.yaml: is not a file"),
+        ("simulation", "params_file:=/nowhere.yaml", "/nowhere.yaml: is not a file"),
         ("replay", "bag:=/nowhere", "/nowhere: does not exist"),
     ],
 )
