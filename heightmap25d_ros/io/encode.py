@@ -294,8 +294,9 @@ def fill_path(
 
 
 def fill_pose(
-    message: Any, T: se3.Matrix, covariance: NDArray[np.float64], stamp: int, frame_id: str
-) -> None:
+    message: Any, T: se3.Matrix, covariance: NDArray[np.float64], vertical: ArrayLike, stamp: int,
+    frame_id: str,
+) -> None:  # fmt: skip
     """Fill a geometry_msgs/PoseWithCovarianceStamped.
 
     Parameters
@@ -303,15 +304,17 @@ def fill_pose(
     message : geometry_msgs.msg.PoseWithCovarianceStamped
     T : (4, 4) float64
     covariance : (3, 3) float64
-        Of x, y [m], yaw [rad]; that of z, roll and pitch is not known and 0.
+        Of x, y [m], yaw [rad].
+    vertical : (3,) array-like
+        Variances of z [m^2], roll and pitch [rad^2].
     stamp : int [ns]
     frame_id : str
     """
-    _require_finite("pose", T, covariance)
+    _require_finite("pose", T, covariance, np.asarray(vertical))
     fill_header(message.header, stamp, frame_id)
     _fill_position(message.pose.pose.position, T)
     _fill_rotation(message.pose.pose.orientation, T)
-    whole = np.zeros((6, 6))
+    whole = np.diag([0.0, 0.0, *np.asarray(vertical, np.float64), 0.0])
     whole[np.ix_((0, 1, 5), (0, 1, 5))] = covariance
     message.pose.covariance = whole.reshape(-1)
 

@@ -16,6 +16,9 @@ from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.localization.registration import Registration
 from heightmap25d_ros.params.sections import LocalizationParams
 
+Z_VARIANCE = 0.05**2
+"""[m^2] of a pose that a registration, or something else than scan after scan, has told."""
+
 _INFLATION = 2.0  # of the covariance after a contradiction
 
 
@@ -39,6 +42,11 @@ class PoseFilter:
     ) -> None:
         self._params = params
         self.T_map_odom, self.covariance = T_map_odom, covariance
+
+    @property
+    def z_variance(self) -> float:
+        """Of the robot in the map [m^2]: as that of a pose which was registered."""
+        return Z_VARIANCE
 
     @property
     def deviation(self) -> tuple[float, float]:

@@ -19,6 +19,7 @@ from heightmap25d_ros.arrays import Array
 from heightmap25d_ros.localization.growing_map import LEAST_KNOWN, GrowingMapUpdate
 from heightmap25d_ros.localization.landmarks import Landmarks
 from heightmap25d_ros.localization.odometry_errors import TILT_LENGTH, Motion, OdometryErrors
+from heightmap25d_ros.localization.pose_filter import Z_VARIANCE
 from heightmap25d_ros.localization.registration import Reason, Registration, rejected
 from heightmap25d_ros.localization.scan_update import FIT, Update, update_by_returns
 from heightmap25d_ros.params.sections import Params
@@ -29,7 +30,6 @@ _TILT = np.s_[4:6]  # of the error of an update
 _PLANAR = np.ix_((_X, _Y, _YAW), (_X, _Y, _YAW))
 _RADIAN = 0.5  # [m] of distance that turning by a radian drifts like
 _FORGETTING = 1e-4  # share of a constant's prior variance that a metre adds to its variance
-_Z_VARIANCE = 0.05**2  # [m^2] of a pose from elsewhere
 _SLIP_LENGTH = 20.0  # [m] over which the variance of the slip is learned
 _LEAST_SLIP = 0.01
 _TURN_LENGTH = 6.0  # [rad] of turning over which the noise of turns is learned
@@ -76,7 +76,7 @@ class ScanFilter:
         self.T_map_odom = T_map_odom
         self._covariance = np.zeros((8, 8))
         self._covariance[_PLANAR] = covariance
-        self._covariance[_Z, _Z] = _Z_VARIANCE
+        self._covariance[_Z, _Z] = Z_VARIANCE
         self._covariance[4:, 4:] = errors.covariance
         self._mean = errors.mean.copy()
         self._slip_variance = errors.slip_variance
@@ -91,6 +91,11 @@ class ScanFilter:
     def covariance(self) -> Array:
         """(3, 3) float64: of x, y [m] and yaw [rad] of the robot in the map."""
         return np.asarray(self._covariance[_PLANAR])
+
+    @property
+    def z_variance(self) -> float:
+        """Of the robot in the map [m^2]."""
+        return float(self._covariance[_Z, _Z])
 
     @property
     def deviation(self) -> tuple[float, float]:
@@ -361,7 +366,7 @@ class ScanFilter:
         """Take a registration of a short-term map in that was made with this estimate as prior."""
         information = np.zeros((4, 4))
         information[_PLANAR] = registration.information
-        information[_Z, _Z] = 1.0 / _Z_VARIANCE
+        information[_Z, _Z] = 1.0 / Z_VARIANCE
         precision = np.asarray(np.linalg.inv(self._covariance[_POSE, _POSE]))
         of_pose = np.asarray(np.linalg.inv(precision + information))
         x, y, yaw = registration.offset

@@ -210,7 +210,9 @@ class LocalizationNode(ManagedNode):
         for topic, T in (("pose_correction", pose.T_map_odom), ("pose", pose.T_map_base)):
             if self.has_subscribers(topic):
                 message = PoseWithCovarianceStamped()
-                encode.fill_pose(message, T, pose.covariance, pose.stamp_ns, self._frame)
+                encode.fill_pose(
+                    message, T, pose.covariance, pose.vertical, pose.stamp_ns, self._frame
+                )
                 self.publish(topic, message)
         if not self.has_subscribers("/tf"):
             return
@@ -248,12 +250,14 @@ class LocalizationNode(ManagedNode):
             self._state = state
 
     def _relocalize(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        settings = self.params.localization
         response.success = self._localizer.request_search()
-        response.message = (
-            "the search begins with the next short-term map; see ~/status"
-            if response.success
-            else "there is no long-term map yet"
-        )
+        if response.success:
+            response.message = "the search begins with the next short-term map; see ~/status"
+        elif settings.own_map and not settings.map_directory:
+            response.message = "nothing to search: localization.map_directory names no saved map"
+        else:
+            response.message = "there is no long-term map yet"
         return response
 
 

@@ -209,7 +209,8 @@ class MappingNode(ManagedNode):
 
     def _publish_transform(self) -> None:
         odometry = self._mapping.odometry
-        if odometry is None or self.count_publishers("localization/status"):
+        is_left = self.params.mapping.needs_localization
+        if odometry is None or is_left or self.count_publishers("localization/status"):
             return
         message = self._transform.next(
             odometry.stamp_ns, odometry.frame_id, self._mapping.T_map_odom

@@ -399,7 +399,9 @@ class MappingParams(Section):
         True, "whether map -> odom is published on /tf while nobody else publishes it"
     )
     needs_localization: bool = parameter(
-        False, "nothing is mapped until localization has told how sure the pose is"
+        False,
+        "nothing is mapped until localization has told how sure the pose is, and map -> odom is "
+        "left to it",
     )
     max_cells: float = parameter(
         32e6,

@@ -106,6 +106,8 @@ class Pose:
     T_map_odom, T_map_base : (4, 4) float64
     covariance : (3, 3) float64
         Of x, y [m] and yaw [rad] of the robot.
+    vertical : (3,) float64
+        Variances of z [m^2], roll and pitch [rad^2].
     """
 
     stamp_ns: int
@@ -113,6 +115,7 @@ class Pose:
     T_map_odom: se3.Matrix
     T_map_base: se3.Matrix
     covariance: Array
+    vertical: Array
 
 
 class Localizer(SensorIntake[Attempt]):
@@ -235,6 +238,7 @@ class Localizer(SensorIntake[Attempt]):
             T_map_odom=T_map_odom,
             T_map_base=T_map_odom @ self._odometry.T,
             covariance=self._told_covariance(),
+            vertical=self._told_vertical(),
         )
 
     def _told_covariance(self) -> Array:
@@ -245,6 +249,14 @@ class Localizer(SensorIntake[Attempt]):
         between = T_map_odom @ se3.inverse(self._smooth.T_map_odom)
         lag = np.array([*shift, se3.yaw(between)])
         return self._tracker.estimate.covariance + np.outer(lag, lag)
+
+    def _told_vertical(self) -> Array:
+        """Of the published pose: z with its lag; roll and pitch are the inclinometer's."""
+        assert self._odometry is not None
+        correction = self._tracker.estimate.T_map_odom - self._smooth.T_map_odom
+        lag = (correction @ self._odometry.T)[2, 3]
+        tilt = self._params.scan_filter.tilt_noise**2
+        return np.array([self._tracker.estimate.z_variance + lag**2, tilt, tilt])
 
     @property
     def map_version(self) -> tuple[int, int, int]:

@@ -44,6 +44,11 @@ class OwnEstimate:
         return self._own.covariance()
 
     @property
+    def z_variance(self) -> float:
+        """Of the robot [m^2], seen from where it began."""
+        return self._own.z_variance
+
+    @property
     def deviation(self) -> tuple[float, float]:
         """Standard deviations of position [m] and yaw [rad] in what was mapped around it."""
         return self._own.estimate.deviation

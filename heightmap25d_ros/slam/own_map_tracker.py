@@ -229,8 +229,13 @@ class OwnMapTracker:
         if not self.submaps:
             return np.asarray(_START)
         away = (self.T_map_base - self.submaps[-1].T_map_submap @ self.submaps[-1].start)[:2, 3]
-        begun = carried(self._map.covariance, away)
+        begun = carried(self._map.covariance[:3, :3], away)
         return np.asarray(begun + self._drift.covariance[:3, :3] + _START)
+
+    @property
+    def z_variance(self) -> float:
+        """Of the robot [m^2], seen from where it began."""
+        return float(self._map.covariance[3, 3] + self._drift.covariance[3, 3] + _START[0, 0])
 
     @property
     def is_level(self) -> bool:

@@ -67,14 +67,15 @@ class SubmapGraph:
         The last one is growing. The first one stands for the saved map, if there is one.
     graph : PoseGraph
         Of the beginnings of the submaps.
-    covariance : (3, 3) float64
-        Of x, y [m], yaw [rad] of the beginning of the newest one, seen from that of the first.
+    covariance : (4, 4) float64
+        Of x, y [m], yaw [rad], z [m] of the beginning of the newest one, seen from that of the
+        first.
     """
 
     def __init__(self, params: Params, saved: SavedMap | None = None) -> None:
         self.submaps: list[Submap] = []
         self.graph = PoseGraph()
-        self.covariance = np.zeros((3, 3))
+        self.covariance = np.zeros((4, 4))
         self._params, self._saved = params, saved
         self._active: frozenset[int] = frozenset()
         self._lengths: list[float] = []  # [m] of all submaps but the newest
@@ -150,7 +151,7 @@ class SubmapGraph:
     def _choose(self) -> None:
         newest = len(self.submaps) - 1
         self._active = frozenset(self._reached(newest, self._params.slam.active_distance))
-        self.covariance = self.graph.covariance(0, newest)[:3, :3]
+        self.covariance = self.graph.covariance(0, newest)
 
     def _reached(self, number: int, distance: float) -> list[int]:
         """The submaps within a distance [m] along the drive and its loops."""

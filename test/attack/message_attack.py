@@ -180,7 +180,7 @@ class Stack:
         if pose is not None:
             for T in (pose.T_map_odom, pose.T_map_base):
                 message = PoseWithCovarianceStamped()
-                encode.fill_pose(message, T, pose.covariance, pose.stamp_ns, "map")
+                encode.fill_pose(message, T, pose.covariance, pose.vertical, pose.stamp_ns, "map")
 
     def check_maps(self) -> None:
         """The map can be published, or is refused with a reason."""

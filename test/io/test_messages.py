@@ -401,8 +401,9 @@ def test_nothing_that_is_not_finite_becomes_a_message(value, place):
     poses = rclpy_type("geometry_msgs/msg/PoseArray")()
     of_path = rclpy_type("geometry_msgs/msg/PoseStamped")
     for fill in (
-        lambda: encode.fill_pose(message, T, sure, 0, "map"),
-        lambda: encode.fill_pose(message, np.eye(4), np.full((3, 3), value), 0, "map"),
+        lambda: encode.fill_pose(message, T, sure, np.ones(3), 0, "map"),
+        lambda: encode.fill_pose(message, np.eye(4), np.full((3, 3), value), np.ones(3), 0, "map"),
+        lambda: encode.fill_pose(message, np.eye(4), sure, [1.0, value, 1.0], 0, "map"),
         lambda: encode.fill_transform(stamped, T, 0, "map", "odom"),
         lambda: encode.fill_path(path, of_path, np.array([np.eye(4), T]), 0, "map"),
         lambda: encode.fill_poses(poses, None, np.array([T]), 0, "map"),

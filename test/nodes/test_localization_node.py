@@ -97,7 +97,7 @@ def test_the_pose_is_held_to_the_map(driven):
         errors.append(np.linalg.norm((T - true[0])[:3, 3]))
         covariance = np.array(message.pose.covariance).reshape(6, 6)
         assert np.isfinite(covariance).all()
-        assert (np.diag(covariance)[[0, 1, 5]] > 0.0).all()
+        assert (np.diag(covariance) > 0.0).all()
     assert max(errors) <= 0.10
     assert np.sqrt(np.mean(np.square(errors))) <= 0.05
     assert errors[-1] <= 0.04

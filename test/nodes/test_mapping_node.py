@@ -6,6 +6,7 @@ import array
 import math
 import signal
 import subprocess
+import time
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,7 @@ from heightmap25d_ros import cli
 from heightmap25d_ros.grid.height_map import SUSPECTED, HeightMap
 from heightmap25d_ros.io import decode, layers_file, map_directory
 from heightmap25d_ros.localization.layers import NAMES
+from heightmap25d_ros.nodes import map_transform
 from heightmap25d_ros.nodes.mapping import MappingNode
 
 RAMP = BAGS / "ramp"
@@ -262,6 +264,30 @@ def test_a_correction_moves_later_scans_into_the_map(tmp_path):
     beam = 10.0 + 2.0 * math.cos(-0.5), 2.0 * math.sin(-0.5)  # of a scan that begins at -0.5 rad
     assert (x, y) == pytest.approx(beam, abs=0.0626)
     assert grid.height[index] == 50
+
+
+@pytest.mark.parametrize("is_left", [False, True])
+def test_map_to_odom_is_told_unless_it_is_left_to_localization(tmp_path, is_left):
+    """Also before localization is there, which takes its time to start."""
+    client = Client()
+    told = []
+    client.node.create_subscription(TFMessage, "/tf", told.append, 10)
+    times = iter(range(0, 10**6, 20))
+    until = math.inf
+
+    def has_driven_on():
+        client.publish("odom", odometry(next(times) * MS, type_of=rclpy_type))
+        return bool(told) or time.monotonic() > until
+
+    left = "-p", f"mapping.needs_localization:={str(is_left).lower()}"
+    with mapping_node(tmp_path, *MOUNT, *left):
+        client.wait_for_node()
+        if is_left:
+            until = time.monotonic() + 2.0 * map_transform.SILENCE
+        client.wait(has_driven_on)
+    client.close()
+    frames = {(t.header.frame_id, t.child_frame_id) for m in told for t in m.transforms}
+    assert frames == (set() if is_left else {("map", "odom")})
 
 
 @pytest.mark.parametrize("kind", [signal.SIGINT, signal.SIGTERM])

@@ -13,6 +13,7 @@ from localization_bags import PARAMS, events_of, truth_of
 from nav_msgs.msg import Path
 from node_client import PATIENCE, Client, mapping_node, node_process, replay
 from repository import BAGS
+from std_srvs.srv import Trigger
 
 from heightmap25d_msgs.msg import HeightGrid, LocalizationStatus
 from heightmap25d_ros.io import decode, map_directory
@@ -84,6 +85,9 @@ def test_a_lap_on_its_own_map_that_is_ended_and_gone_on_with(client, tmp_path, t
     client.subscribe("height_grid", HeightGrid)
     with nodes(client, tmp_path, ()) as said:
         play(client, said["pose"], 0.0, MIDDLE)
+        refused = client.call("localization/relocalize", Trigger)
+    assert not refused.success
+    assert "localization.map_directory names no saved map" in refused.message
     assert np.median(errors(said["pose"], truth)) < 0.05
     assert errors(said["pose"], truth).max() < 0.25  # where a busy machine loses scans
     assert said["localization/status"][-1].state == LocalizationStatus.TRACKING

@@ -160,7 +160,7 @@ def follow(mapping, localizer):
     if pose is None:
         return
     told = PoseWithCovarianceStamped()
-    encode.fill_pose(told, pose.T_map_odom, pose.covariance, pose.stamp_ns, "map")
+    encode.fill_pose(told, pose.T_map_odom, pose.covariance, pose.vertical, pose.stamp_ns, "map")
     mapping.take_correction(told)
     status = LocalizationStatus(state=int(localizer.state))
     encode.fill_header(status.header, pose.stamp_ns, "map")
@@ -234,7 +234,7 @@ def test_when_a_loop_is_closed_the_map_follows_its_submaps(start):
             told = np.array(drifts) @ np.array(poses)
             assert not mended.take_submaps(path_of(told, begun))
             correction = PoseWithCovarianceStamped()
-            encode.fill_pose(correction, drifts[-1], np.eye(3), event.stamp_ns, "map")
+            encode.fill_pose(correction, drifts[-1], np.eye(3), np.ones(3), event.stamp_ns, "map")
             mended.take_correction(correction)
         for mapping in (true, mended):
             feed(mapping, topic, event.message)
