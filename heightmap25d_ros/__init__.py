@@ -31,8 +31,16 @@ array([[  0,   0, 100]], dtype=int8)
 
 from __future__ import annotations
 
+import os
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
+
+# Several threads of BLAS round otherwise on each number of cores, and maps of one bag would differ;
+# they also wait for work at full load, at matrices that one of them solves as fast. This is read
+# when NumPy is imported; afterwards it would reach child processes alone.
+if "numpy" not in sys.modules:
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 if TYPE_CHECKING:
     from heightmap25d_ros import se3

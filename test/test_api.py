@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import ast
+import os
 import re
 import subprocess
 import sys
@@ -75,6 +76,18 @@ def test_names_load_what_they_need_only() -> None:
     everything_but_pictures = set(hm.__all__) - {"map_figures"}
     names = ", ".join(sorted(everything_but_pictures))
     assert "matplotlib" not in loaded_by(f"from heightmap25d_ros import {names}")
+
+
+@pytest.mark.parametrize("chosen", [None, "3"])
+def test_blas_has_one_thread_unless_another_number_is_chosen(chosen: str | None) -> None:
+    """With several, one bag would become another map on each number of cores."""
+    environment = {k: v for k, v in os.environ.items() if k != "OPENBLAS_NUM_THREADS"}
+    if chosen is not None:
+        environment["OPENBLAS_NUM_THREADS"] = chosen
+    code = "import heightmap25d_ros, os; print(os.environ['OPENBLAS_NUM_THREADS'])"
+    command = [sys.executable, "-c", code]
+    told = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert told.stdout.strip() == (chosen or "1")
 
 
 @pytest.mark.parametrize(

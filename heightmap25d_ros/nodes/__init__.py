@@ -8,11 +8,3 @@ share, `plain` what the others do, `runtime` runs a node as a process. `planner_
 actions and services by which Nav2 plans. `map_publisher` publishes `map_messages`, and decides by
 `map_updates` whether all of a map goes out, or what has changed; `map_source` subscribes to both.
 """
-
-import os
-import sys
-
-# Threads of BLAS wait for work at full load, on matrices that are solved as fast by one of them. It
-# is read when NumPy is imported; afterwards it would reach child processes alone.
-if "numpy" not in sys.modules:
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
