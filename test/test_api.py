@@ -26,7 +26,11 @@ SCAN = hm.Scan(angle_min=0.0, angle_increment=0.01, ranges=[2.0, 2.0])
 
 def for_type_checkers() -> dict[str, tuple[str, str]]:
     """Module and name there of each name that is imported for type checkers only."""
-    (block,) = (node for node in ast.parse(SOURCE.read_text()).body if isinstance(node, ast.If))
+    (block,) = (
+        node
+        for node in ast.parse(SOURCE.read_text()).body
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
+    )
     return {
         alias.asname or alias.name: (str(node.module), alias.name)
         for node in block.body
