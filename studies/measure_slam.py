@@ -8,7 +8,8 @@ Usage: python studies/measure_slam.py [--bags DIR] [--logs BAG ...] [--only SECT
 Sections: `laps`; `live`, what is told while they are driven, before all poses are refined together;
 `drift`, the same as `laps` with three times the drift, or with wheels that slip by 15 %;
 `laps_merged`, three laps, weaving differently, in one map; `court`, a long loop; `twins`, searches
-for loops where one place looks like another; `logs`; `peers`, KISS-ICP on laps and logs.
+for loops where one place looks like another; `logs`; `peers`, KISS-ICP and small_gicp on laps and
+logs.
 
 With --bags, recordings that are in DIR/WORLD_SEED_DRIVE are taken and the others made there;
 without, all are made anew and thrown away. Markdown to the terminal. --logs are recordings of level
@@ -328,7 +329,7 @@ def logs(paths: Sequence[Path]) -> Iterator[str]:
 def peers(
     bags: Path, worlds: Sequence[str], seeds: Sequence[int], paths: Sequence[Path]
 ) -> Iterator[str]:
-    """KISS-ICP beside odometry; what comes of ours is in the other sections."""
+    """KISS-ICP and small_gicp beside odometry; what comes of ours is in the other sections."""
     yield "\n| drive | method | ATE | aligned | largest, aligned | CPU s per s |"
     yield "|---|---|---|---|---|---|"
     drives = [(recorded(bags, world, seed), PARAMS) for world in worlds for seed in seeds]
@@ -340,11 +341,12 @@ def peers(
                 bag.duration,
             )
         yield peer(path.name, "odometry", [(f.stamp_ns, f.odometry) for f in found], true, 0.0)
-        for is_guided, name in ((False, "KISS-ICP"), (True, "KISS-ICP, guided by odometry")):
-            began = time.process_time()
-            told = slam_peers.kiss_icp(found, is_guided=is_guided)
-            seconds = time.process_time() - began
-            yield peer(path.name, name, told, true, seconds / duration)
+        for method, name in ((slam_peers.kiss_icp, "KISS-ICP"), (slam_peers.small_gicp, "VGICP")):
+            for is_guided, how in ((False, ""), (True, ", guided by odometry")):
+                began = time.process_time()
+                told = method(found, is_guided=is_guided)
+                seconds = time.process_time() - began
+                yield peer(path.name, f"{name}{how}", told, true, seconds / duration)
 
 
 def peer(label: str, name: str, told: Told, true: Poses, load: float) -> str:

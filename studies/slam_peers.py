@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 heightmap25d_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""KISS-ICP (requirements/peers.txt) on the same scans, as a section of measure_slam.py.
+"""KISS-ICP and small_gicp (requirements/peers.txt) on the same scans, for measure_slam.py.
 
-It is made for lidars that see in space. A frame of it are the returns of the newest scan of each
-laser, put together by odometry, seen from the robot levelled by the odometry's roll, pitch and z.
-What a level laser sees stands at three heights, since a plane of points leaves three ways open;
-z, roll and pitch of what it finds are not used.
+They are made for lidars that see in space. A frame consists of the returns of the newest scan of
+each laser, put together by odometry, seen from the robot levelled by the odometry's roll, pitch and
+z. What a level laser sees stands at three heights, since a plane of points leaves three ways open;
+z, roll and pitch of what they find are not used.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from heightmap25d_ros.pipelines.sensor_intake import SensorIntake
 LEVEL = "scan"
 STOREY = np.array([[0.0, 0.0, 1.0]])  # [m] from one copy of a level scan to the next
 VOXEL, FAR = 0.2, 30.0  # [m]
+GAUSSIAN_VOXEL = 0.5  # [m] of small_gicp's map
 
 
 class Frame(NamedTuple):
@@ -78,4 +79,24 @@ def kiss_icp(found: Sequence[Frame], *, is_guided: bool) -> list[tuple[int, se3.
         x, y, _, _, _, yaw = se3.to_xyz_rpy(icp.last_pose)
         icp.last_pose = se3.from_xyz_rpy([x, y, 0.0, 0.0, 0.0, yaw])
         told.append((frame.stamp_ns, np.asarray(first @ icp.last_pose)))
+    return told
+
+
+def small_gicp(found: Sequence[Frame], *, is_guided: bool) -> list[tuple[int, se3.Matrix]]:
+    """The same, each frame held against a map of Gaussian voxels (VGICP) of all frames before."""
+    import small_gicp as peer  # noqa: PLC0415 - an extra
+
+    voxels, T, motion = peer.GaussianVoxelMap(GAUSSIAN_VOXEL), np.eye(4), np.eye(4)
+    told: list[tuple[int, se3.Matrix]] = []
+    for k, frame in enumerate(found):
+        cloud, _ = peer.preprocess_points(frame.points, downsampling_resolution=VOXEL)
+        if k:
+            if is_guided:
+                motion = se3.inverse(found[k - 1].odometry) @ frame.odometry
+            result = peer.align(voxels, cloud, init_T_target_source=T @ motion)
+            x, y, _, _, _, yaw = se3.to_xyz_rpy(result.T_target_source)
+            before, T = T, se3.from_xyz_rpy([x, y, 0.0, 0.0, 0.0, yaw])
+            motion = se3.inverse(before) @ T
+        voxels.insert(cloud, T)
+        told.append((frame.stamp_ns, np.asarray(found[0].odometry @ T)))
     return told
