@@ -6,10 +6,10 @@ Usage: python studies/measure_slam.py [--bags DIR] [--logs BAG ...] [--only SECT
                                       [--worlds NAME ...] [--seeds N ...]
 
 Sections: `laps`; `live`, what is told while they are driven, before all poses are refined together;
-`drift`, the same as `laps` with three times the drift, or with wheels that slip by 15 %;
-`laps_merged`, three laps, weaving differently, in one map; `court`, a long loop; `twins`, searches
-for loops where one place looks like another; `logs`; `peers`, KISS-ICP and small_gicp on laps and
-logs.
+`localized`, another lap on maps of true poses and on own ones; `drift`, the same as `laps` with
+three times the drift, or with wheels that slip by 15 %; `laps_merged`, three laps, weaving
+differently, in one map; `court`, a long loop; `twins`, searches for loops where one place looks
+like another; `logs`; `peers`, KISS-ICP and small_gicp on laps and logs.
 
 With --bags, recordings that are in DIR/WORLD_SEED_DRIVE are taken and the others made there;
 without, all are made anew and thrown away. Markdown to the terminal. --logs are recordings of level
@@ -31,6 +31,7 @@ from pathlib import Path
 
 import numpy as np
 import slam_peers
+from localization_drives import localized, material
 
 from heightmap25d_ros import se3
 from heightmap25d_ros.evaluation import map_error, truth
@@ -45,6 +46,7 @@ from heightmap25d_ros.io import decode
 from heightmap25d_ros.io.bag import Bag
 from heightmap25d_ros.params.by_name import with_values
 from heightmap25d_ros.params.sections import Params
+from heightmap25d_ros.pipelines.localization import Localizer
 from heightmap25d_ros.pipelines.mapping import Mapping
 from heightmap25d_ros.pipelines.replay import replayed
 from heightmap25d_ros.pipelines.slam import Slam, SlamResult, slam_bag
@@ -94,7 +96,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--bags", type=Path, metavar="DIR", help="where recordings are, or go to")
     parser.add_argument("--logs", nargs="+", type=Path, metavar="BAG", default=(), help="real ones")
-    sections = ("laps", "live", "drift", "laps_merged", "court", "twins", "logs", "peers")
+    sections = (
+        "laps", "live", "localized", "drift", "laps_merged", "court", "twins", "logs", "peers"
+    )  # fmt: skip
     parser.add_argument("--worlds", nargs="+", default=WORLDS, help="of laps")
     parser.add_argument("--seeds", nargs="+", type=int, default=(*TUNED, *UNTUNED), help="of laps")
     parser.add_argument("--only", nargs="+", choices=sections, default=sections)
@@ -104,6 +108,7 @@ def main() -> None:
         tables = {
             "laps": laps(bags, options.worlds, options.seeds),
             "live": live_laps(bags, options.worlds, options.seeds),
+            "localized": localized_laps(bags, options.worlds, options.seeds),
             "drift": drifting(bags, options.worlds, options.seeds),
             "laps_merged": merged_laps(bags, options.worlds, options.seeds),
             "court": laps(bags, ("court",), options.seeds),
@@ -193,6 +198,31 @@ def live_lap(label: str, path: Path) -> str:
         f"| {100 * is_wrong.mean():.0f} % | {error_of(mapped, true).aligned:.3f} m "
         f"| {slam.tracker.refined} | {load:.2f} |"
     )
+
+
+def localized_laps(bags: Path, worlds: Sequence[str], seeds: Sequence[int]) -> Iterator[str]:
+    """A lap that is localized on maps of another one: with true poses, and without known ones."""
+    yield (
+        "| lap | on a map of true poses: RMSE | aligned | largest, aligned | on its own: RMSE "
+        "| aligned | largest, aligned |"
+    )
+    yield "|---|---|---|---|---|---|---|"
+    for world in worlds:
+        for seed in seeds:
+            events, truth, long_term = material(bags, world, seed)
+            with Bag(recorded(bags, world, seed, 1)) as bag:
+                mapping = slam_bag(bag, PARAMS, "/odom").mapping
+            own = mapping.maps()[0]
+            errors = []
+            for given in (long_term, (own, mapping.layers(own.geometry))):
+                localizer = Localizer(PARAMS)
+                localizer.set_long_term(*given)
+                run = localized(events, localizer)
+                errors.append(error_of(list(zip(run.stamps, run.told, strict=True)), truth))
+            figures = " | ".join(
+                f"{e.rmse:.3f} m | {e.aligned:.3f} m | {e.aligned_max:.2f} m" for e in errors
+            )
+            yield f"| `{world}` {seed} | {figures} |"
 
 
 def merged_laps(bags: Path, worlds: Sequence[str], seeds: Sequence[int]) -> Iterator[str]:
