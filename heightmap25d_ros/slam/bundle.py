@@ -66,6 +66,9 @@ class Keyframe(NamedTuple):
     submap : int
     T_submap_odom, T_odom_base : (4, 4) float64
         As localization on the own map has found it.
+    T_map_odom : (4, 4) float64
+        Where scan after scan has led, without what refinements and loops have moved since the drive
+        began.
     returns, origins : (N, 3) float32 [m, odom]
         And where the lasers were.
     edges : (E, 3) float32 [m, odom]
@@ -76,6 +79,7 @@ class Keyframe(NamedTuple):
     submap: int
     T_submap_odom: se3.Matrix
     T_odom_base: se3.Matrix
+    T_map_odom: se3.Matrix
     returns: NDArray[np.float32]
     origins: NDArray[np.float32]
     edges: NDArray[np.float32]
@@ -411,7 +415,7 @@ def compile_kernels(params: ScanFilterParams) -> None:
     wall = np.column_stack([np.full(100, 2.0), y, np.full(100, 0.5)]).astype(np.float32)
     T_odom_base = (np.eye(4), se3.from_xyz_rpy([0.1, 0.0, 0.0, 0.0, 0.0, 0.0]))
     keyframes = [
-        Keyframe(k, 0, np.eye(4), T, wall, np.zeros_like(wall), wall[:1])
+        Keyframe(k, 0, np.eye(4), T, np.eye(4), wall, np.zeros_like(wall), wall[:1])
         for k, T in enumerate(T_odom_base)
     ]
     refined(keyframes, np.stack([np.eye(4)] * 2), params, marks=(0, 1))

@@ -202,6 +202,7 @@ class OwnMapTracker:
         self._is_contradicted = self._is_on_saved = False
         self._drift = Drift(params, self.estimate)
         self._refinement = LiveRefinement(params.scan_filter)
+        self._moved = np.eye(4)  # with the map, all in all
         self._inserted_ns = 0
         self._is_new_around = False
         self._searching: _Searching | None = None
@@ -380,6 +381,7 @@ class OwnMapTracker:
         return Keyframe(
             len(self.placed) + len(self._waiting) - 1, len(self.submaps) - 1,
             self._T_submap_odom(), self._T_odom_base,
+            np.asarray(se3.inverse(self._moved) @ self.estimate.T_map_odom),
             returns[some].astype(np.float32), origins[some].astype(np.float32),
             edges.astype(np.float32),
         )  # fmt: skip
@@ -467,7 +469,7 @@ class OwnMapTracker:
             return
         moved = self._map.move(moves.motions, moves.newest)
         self.refined += 1
-        self.estimate.T_map_odom = moved @ self.estimate.T_map_odom
+        self._move_with_map(moved)
         self.estimate.learn_heading_bias(moves.heading_bias)
         if self._searching is not None:
             self._searching = self._searching.seen_from(moved)
@@ -531,5 +533,10 @@ class OwnMapTracker:
             self.loops_closed += 1
             self._searching = None  # it is of the map as it was
             self._refinement.cancel()
-            self.estimate.T_map_odom = moved @ self.estimate.T_map_odom
+            self._move_with_map(moved)
             self._refresh()
+
+    def _move_with_map(self, moved: se3.Matrix) -> None:
+        """The robot goes with what has been mapped, and did not drive."""
+        self.estimate.T_map_odom = moved @ self.estimate.T_map_odom
+        self._moved = np.asarray(moved @ self._moved)

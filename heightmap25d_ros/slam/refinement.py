@@ -42,12 +42,15 @@ def refined_poses(tracker: OwnMapTracker, params: ScanFilterParams) -> list[Scan
     keyframes = tracker.keyframes
     if len(keyframes) < 2 or tracker.is_level:
         return tracker.poses()
+    # What was refined while the robot drove agrees with itself, also where it is wrong, and is hard
+    # to leave: so all begins anew where scan after scan has led.
+    led = np.array([keyframe.T_map_odom for keyframe in keyframes])
     before = np.array([
         tracker.submaps[keyframe.submap].T_map_submap @ keyframe.T_submap_odom
         for keyframe in keyframes
     ])  # fmt: skip
     marks = _submap_begins(tracker)
-    found = refined(keyframes, before, params, marks)
+    found = refined(keyframes, led, params, marks)
     if tracker.loops_closed:
         # What was too far off to be seen as one surface may be near enough now.
         found = refined(keyframes, _looped(tracker, before, found, marks), params, marks, found)

@@ -59,7 +59,7 @@ def keyframe_of(number, T_odom_base, returns, edges=()):
     laser = se3.transform_points(T_odom_base, [[*LASER]])
     returns, origins = np.broadcast_arrays(returns.astype(np.float32), laser.astype(np.float32))
     edges = np.reshape(edges, (-1, 3)).astype(np.float32)
-    return Keyframe(number, 0, np.eye(4), T_odom_base, returns, origins, edges)
+    return Keyframe(number, 0, np.eye(4), T_odom_base, np.eye(4), returns, origins, edges)
 
 
 def drive(seed, count=40, tilt=0.0):

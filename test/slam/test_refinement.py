@@ -33,7 +33,7 @@ def square():
         T = planar(*corner)
         graph.add(np.array([*corner, 0.0]))
         submaps.append(SimpleNamespace(T_map_submap=np.eye(4), start=T))
-        keyframes.append(Keyframe(2 * number, number, np.eye(4), T, *3 * [nothing]))
+        keyframes.append(Keyframe(2 * number, number, np.eye(4), T, np.eye(4), *3 * [nothing]))
         for k, pose in enumerate((T, T @ planar(2.0, 0.0, 0.0))):
             stamp = 10 * number + k
             placed.append(Placed(stamp, pose, np.eye(4), number, np.eye(4), np.zeros((3, 3)), True))
@@ -77,6 +77,27 @@ def test_what_a_loop_brings_back_is_taken_where_nothing_told_how_far_the_robot_c
     _, poses = refined(monkeypatch, drifted, deviations=(0.002, 0.002, 0.2, 0.002))
     away = [np.hypot(*pose.T_map_odom[:2, 3]) for pose in poses]  # also between the keyframes
     np.testing.assert_allclose(away, 0.0, atol=0.005)
+
+
+def test_all_poses_begin_where_scan_after_scan_has_led(monkeypatch):
+    """And not where refinements have moved the submaps: these agree with their own errors."""
+    begun = []
+
+    def bundle(keyframes, T_map_odom, *_):
+        begun.append(T_map_odom)
+        return Refined(np.array(T_map_odom), np.zeros((5, 2)), np.zeros((4, 4, 4)))
+
+    monkeypatch.setattr(refinement, "refined", bundle)
+    tracker = square()
+    tracker.loops_closed = 0
+    led = [planar(0.1 * k, 0.0, 0.0) for k in range(5)]
+    tracker.keyframes = [
+        keyframe._replace(T_map_odom=T, T_submap_odom=planar(1.0, 1.0, 0.5))
+        for keyframe, T in zip(tracker.keyframes, led, strict=True)
+    ]
+    poses = refinement.refined_poses(tracker, Params().scan_filter)
+    np.testing.assert_array_equal(begun, [led])
+    np.testing.assert_allclose([pose.T_map_odom for pose in poses[::2]], led, atol=1e-12)
 
 
 def test_scans_between_keyframes_share_in_both(monkeypatch):
