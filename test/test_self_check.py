@@ -84,7 +84,9 @@ def test_topics_that_need_not_be_there_are_told_only_where_somebody_publishes_in
 
 def test_a_clock_that_stands_is_told_and_one_that_is_not_used_is_not():
     assert problems(clock_ns=(0, 0))[0][0] is Problem.CLOCK
-    assert problems(clock_ns=(7 * 10**9, 7 * 10**9))[0][1].endswith("/clock stands at 7")
+    stands = 1_700_000_012_250_000_000
+    told = problems(clock_ns=(stands, stands))[0][1]
+    assert told.endswith("/clock stands at 1700000012.25 s")
     assert problems(clock_ns=None) == []
 
 

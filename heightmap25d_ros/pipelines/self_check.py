@@ -220,7 +220,7 @@ def findings(observed: Observed) -> list[Finding]:
     if observed.clock_ns is not None and observed.clock_ns[0] == observed.clock_ns[1]:
         seconds = observed.clock_ns[1] * 1e-9
         found.append(
-            Finding(Problem.CLOCK, f"use_sim_time is set, and /clock stands at {seconds:g}")
+            Finding(Problem.CLOCK, f"use_sim_time is set, and /clock stands at {seconds:.12g} s")
         )
     for entry in observed.inputs:
         found += _of_input(entry)
