@@ -82,14 +82,13 @@ def add_edges(
         order, starts = by_cube(at / _AREA + shift, edges.pose_of)
         ordered = tuple(part[order] for part in level)
         used += _add(
-            at[order], ordered, starts, settings, equations.matrix,
-            equations.gradient, STATES * len(positions),
+            at[order], ordered, starts, settings, equations, STATES * len(positions),
         )  # fmt: skip
     return used
 
 
 @kernel
-def _add(at, returns, starts, settings, matrix, gradient, height):
+def _add(at, returns, starts, settings, equations, height):
     seen, beams, pose_of, is_contact = returns
     centre, axes = np.zeros(3), np.zeros((3, 3))
     used = 0
@@ -107,7 +106,7 @@ def _add(at, returns, starts, settings, matrix, gradient, height):
             axes[0, a] = 1.0
             add_patch(
                 part, seen[first:end], beams[first:end], pose_of[first:end], is_contact[first:end],
-                centre, across, axes, settings, matrix, gradient, height,
+                centre, across, axes, settings, equations, height,
             )  # fmt: skip
         used += 1
     return used

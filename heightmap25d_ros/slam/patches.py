@@ -34,6 +34,7 @@ _SMEARED = 0.5  # of the tolerance: likewise, while poses are not yet found
 _ROW = 0.015  # [m] added to the heights' standard deviation: a row of returns stands upright
 _LEAST_LONG = 0.04  # [m] standard deviation along a patch
 _LEAST_FLATNESS = 4.0  # variance along the shorter axis of a patch over that across it
+_BEHIND = 0.1  # sine of the angle from a beam to a patch, above which it was seen from behind
 _GRAZING = 0.03  # sine of the angle from a beam to a patch, below which its range tells nothing
 _RANGE_ERROR = 0.06  # [m] at most: what is farther from a patch than by that is so for its pose
 _PARALLEL = 0.05  # mean sine of the angle from beams to what may be a patch that they have seen
@@ -53,10 +54,19 @@ class NormalEquations(NamedTuple):
         the height of the robot above the ground. It is symmetric: what is below the diagonal is
         not used.
     gradient : (D,) float64
+    cost : (1,) float64
+        Negative logarithm of the likelihood, but for what all poses have in common. A return that
+        is of no patch costs nothing, each of a patch less than nothing.
     """
 
     matrix: Array
     gradient: Array
+    cost: Array
+
+    @classmethod
+    def zero(cls, size: int) -> NormalEquations:
+        """Without any information."""
+        return cls(np.zeros((size, size)), np.zeros(size), np.zeros(1))
 
 
 class Returns(NamedTuple):
@@ -110,8 +120,7 @@ def add_patches(
         order, starts = by_cube(at / size + shift, returns.pose_of)
         ordered = tuple(part[order] for part in returns)
         used += _add(
-            at[order], ordered, starts, settings, equations.matrix, equations.gradient,
-            STATES * len(positions),
+            at[order], ordered, starts, settings, equations, STATES * len(positions),
         )  # fmt: skip
     return used
 
@@ -134,7 +143,7 @@ def by_cube(at: Array, pose_of: NDArray[np.int64]) -> tuple[NDArray[np.int64], N
 
 
 @kernel
-def _add(at, returns, starts, settings, matrix, gradient, height):
+def _add(at, returns, starts, settings, equations, height):
     seen, beams, pose_of, is_contact = returns
     weights = np.empty(len(at))
     centre, spread, axes = np.empty(3), np.empty(3), np.empty((3, 3))
@@ -150,7 +159,7 @@ def _add(at, returns, starts, settings, matrix, gradient, height):
         ):  # fmt: skip
             add_patch(
                 part, seen[first:end], beams[first:end], pose_of[first:end], is_contact[first:end],
-                centre, spread[0], axes, settings, matrix, gradient, height,
+                centre, spread[0], axes, settings, equations, height,
             )  # fmt: skip
             used += 1
     return used
@@ -160,12 +169,13 @@ def _add(at, returns, starts, settings, matrix, gradient, height):
 def _fit(at, beams, pose_of, limits, weights, centre, spread, axes):
     """Whether returns are of one patch; its centre, the axes (rows), the variances along them.
 
-    The first axis is the normal. A plane along which beams run is none that they can have seen: it
-    is a row at the height of a level laser, smeared by what poses err. The normal of a row is that
-    of each pose's own line.
+    The first axis is the normal, to where most returns were seen from. What was seen from behind is
+    of another surface: the other face of a thin wall. A plane along which beams run is none that
+    they can have seen: it is a row at the height of a level laser, smeared by what poses err. The
+    normal of a row is that of each pose's own line.
     """
     tolerance, most_across = limits
-    own, is_row = np.empty((len(at), 3)), False
+    own, is_row, in_front = np.empty((len(at), 3)), False, len(at)
     weights[:] = 1.0
     for fit in range(_FITS + 2):
         total = weights.sum()
@@ -177,9 +187,15 @@ def _fit(at, beams, pose_of, limits, weights, centre, spread, axes):
         else:
             own[:] = centre
         _axes(at, own, weights, spread, axes)
+        _turn_to_front(beams, weights, axes)
+        in_front = 0
         for i in range(len(at)):
             distance = np.dot(axes[0], at[i] - centre)
             weights[i] = 1.0 / (1.0 + distance**2 / tolerance) ** 2
+            if np.dot(axes[0], beams[i]) > _BEHIND:
+                weights[i] = 0.0
+            else:
+                in_front += 1
         if fit == _FITS - 1:
             sine = 0.0
             for i in range(len(at)):
@@ -190,7 +206,8 @@ def _fit(at, beams, pose_of, limits, weights, centre, spread, axes):
             weights[:] = 1.0
     spread[0] = max(spread[0] - (_ROW * axes[0, 2]) ** 2, 0.0)
     return (
-        total >= _LEAST_INLIERS * len(at)
+        in_front >= _LEAST_RETURNS
+        and total >= _LEAST_INLIERS * in_front
         and spread[0] <= most_across
         and (is_row or spread[1] >= _LEAST_FLATNESS * spread[0])
         and spread[2] >= max(_LEAST_LONG**2, _LEAST_FLATNESS * spread[0])
@@ -213,6 +230,16 @@ def _axes(at, centres, weights, spread, axes):
 
 
 @inlined_kernel
+def _turn_to_front(beams, weights, axes):
+    """Turn the normal against the beams, or most of them."""
+    along = 0.0
+    for i in range(len(beams)):
+        along += weights[i] * np.dot(axes[0], beams[i])
+    if along > 0.0:
+        axes[0] *= -1.0
+
+
+@inlined_kernel
 def _centres(at, pose_of, centres):
     """Of each return the mean of all of its pose."""
     first = 0
@@ -225,9 +252,10 @@ def _centres(at, pose_of, centres):
 
 @kernel
 def add_patch(  # noqa: C901, PLR0913
-    at, seen, beams, pose_of, is_contact, centre, across, axes, settings, matrix, gradient, height,
+    at, seen, beams, pose_of, is_contact, centre, across, axes, settings, equations, height,
 ):  # fmt: skip
     """Hold returns to a patch whose offset and tilts are eliminated."""
+    matrix, gradient, cost = equations
     share, tolerance, _ = settings
     poses = _count(pose_of)
     # The last one stands for what all poses have in common, of which the first is the height.
@@ -242,9 +270,12 @@ def add_patch(  # noqa: C901, PLR0913
         if k < 0 or pose_of[i] != numbers[k]:
             k += 1
             numbers[k] = pose_of[i]
+        if np.dot(axes[0], beams[i]) > _BEHIND:
+            continue
         residual = _rows(at[i] - centre, seen[i], beams[i], axes, row, patch_row)
-        weight = information / (1.0 + residual**2 / tolerance) ** 2
-        weight *= _CONTACT if is_contact[i] else 1.0
+        counted = information * (_CONTACT if is_contact[i] else 1.0)
+        weight = counted / (1.0 + residual**2 / tolerance) ** 2
+        cost[0] -= 0.5 * counted * tolerance / (1.0 + residual**2 / tolerance)
         begin = STATES * pose_of[i]
         for a in range(6):
             of_pose[k, a] += weight * row[a] * residual

@@ -167,7 +167,7 @@ def test_noise_of_ranges_does_not_draw_poses_together():
         aimed = (seen - LASER) / np.linalg.norm(seen - LASER, axis=1)[:, None]
         for beams in (aimed, np.tile([0.0, 0.0, -1.0], (len(seen), 1))):
             size = STATES * (count + 1)
-            equations = NormalEquations(np.zeros((size, size)), np.zeros(size))
+            equations = NormalEquations.zero(size)
             returns = Returns(seen, beams, pose_of, np.zeros(len(seen), np.bool_))
             add_patches(returns, true[:, :3, 3].copy(), 1.0, 0.1, equations)
             pulls.append(equations.gradient[: STATES * count : STATES] @ true[:, 0, 3])
@@ -209,7 +209,7 @@ def test_the_height_above_the_ground_is_found():
     wheels = np.column_stack([rng.uniform(-1, 1, (300, 2)), np.full(300, 0.01)])
     seen, is_contact = np.concatenate([ground, wheels]), np.repeat([False, True], [3000, 300])
     down = np.tile([0.0, 0.0, -1.0], (3300, 1))
-    equations = NormalEquations(np.zeros((3 * STATES, 3 * STATES)), np.zeros(3 * STATES))
+    equations = NormalEquations.zero(3 * STATES)
     returns = Returns(seen, down, rng.integers(0, 2, 3300), is_contact)
     add_patches(returns, np.zeros((2, 3)), 1.0, 0.1, equations)
     height = 2 * STATES
@@ -250,7 +250,7 @@ def test_returns_tell_nothing_of_what_all_poses_have_in_common(state):
     true = circle(6)
     seen = [room(rng, 200) - T[:3, 3] for T in true]
     size = STATES * (len(true) + 1)
-    equations = NormalEquations(np.zeros((size, size)), np.zeros(size))
+    equations = NormalEquations.zero(size)
     pose_of = np.repeat(np.arange(len(true)), [len(points) for points in seen])
     seen = np.concatenate(seen)
     beams = seen / np.linalg.norm(seen, axis=1)[:, None]

@@ -52,12 +52,12 @@ def test_edges_tell_how_far_the_robot_came():
     places = np.concatenate([np.tile(part, (4, 1)) for part in seen])
     positions[2, 0] += 0.04
     size = STATES * 5
-    equations = NormalEquations(np.zeros((size, size)), np.zeros(size))
+    equations = NormalEquations.zero(size)
     no = np.zeros(len(places), np.bool_)
     returns = Returns(places, np.zeros_like(places), pose_of, no)
     assert add_edges(returns, positions, 1.0, 0.1, equations) == 4  # two corners, sorted twice
     third = 2 * STATES
     back = -equations.gradient[third] / equations.matrix[third, third]
     assert back == pytest.approx(-0.04, abs=0.006)
-    wide = NormalEquations(np.zeros((size, size)), np.zeros(size))
+    wide = NormalEquations.zero(size)
     assert add_edges(returns, positions, 1.0, 1.0, wide) == 0  # they might be other ones
