@@ -48,11 +48,9 @@ def refined_poses(tracker: OwnMapTracker, params: ScanFilterParams) -> list[Scan
     ])  # fmt: skip
     marks = _submap_begins(tracker)
     # What was refined while the robot drove agrees with itself, also where it is wrong, and is hard
-    # to leave: so all begins anew where scan after scan has led.
-    begin = _led(tracker)
-    if tracker.loops_closed:
-        begin = begin._replace(T_map_odom=_looped(tracker, before, begin, marks))
-    found = refined(keyframes, begin.T_map_odom, params, marks)
+    # to leave: so all begins anew where scan after scan has led, unless loops have confirmed it.
+    led = np.array([keyframe.T_map_odom for keyframe in keyframes])
+    found = refined(keyframes, before if tracker.loops_closed else led, params, marks)
     if tracker.loops_closed:
         # What was too far off to be seen as one surface may be near enough now.
         found = refined(keyframes, _looped(tracker, before, found, marks), params, marks, found)
@@ -78,13 +76,6 @@ def disagreed(tracker: OwnMapTracker, poses: Sequence[ScanPose]) -> float:
         for before, after, T in zip(tracker.poses(), poses, T_wheels_base, strict=True)
     ]
     return float(steps[apart[1:]].sum())
-
-
-def _led(tracker: OwnMapTracker) -> Refined:
-    """Where scan after scan has led, as well as that is known from submap to submap."""
-    covariances = [np.linalg.inv(e.information) for e in tracker.graph.edges if not e.is_loop]
-    T_map_odom = np.array([keyframe.T_map_odom for keyframe in tracker.keyframes])
-    return Refined(T_map_odom, np.zeros((len(T_map_odom), 2)), np.array(covariances))
 
 
 def _submap_begins(tracker: OwnMapTracker) -> list[int]:
