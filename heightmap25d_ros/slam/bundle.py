@@ -271,11 +271,6 @@ class Stretch:
                 slipped = float(np.sqrt(np.mean(np.square(self._errors[:, _SLIP]))))
                 self._slip = max(self._params.slip, slipped)
 
-    def cost(self) -> float:
-        """Negative logarithm of the likelihood, of the same keyframes wherever they began."""
-        self._slip = max(self._params.slip, _FIRST_SLIP)
-        return float(self._equations(NARROW).cost[0])
-
     def motions(self) -> se3.Matrix:
         """(K, 4, 4): what has moved each pose, a shift and a turn by a yaw."""
         return np.array([
@@ -389,7 +384,6 @@ class Stretch:
             params.z_drift**2 * distance, (1.0 - kept**2) * self._slip**2,
             *2 * [(1.0 - stays**2) * params.tilt_noise**2 + _LEAST_VARIANCE],
         ])  # fmt: skip
-        equations.cost[0] += 0.5 * np.sum(np.square(residual) / variance)
         constants = self._errors.size + np.arange(STATES)
         for k in range(count):
             index = np.concatenate([STATES * k + np.arange(2 * STATES), constants])
@@ -411,7 +405,6 @@ class Stretch:
         values = np.concatenate([self._errors.ravel(), self._constants])
         deviations = np.maximum(np.concatenate([deviation.ravel(), constants]), _LEAST_VARIANCE)
         precision = deviations**-2
-        equations.cost[0] += 0.5 * np.sum(precision * np.square(values))
         equations.matrix[np.diag_indices(len(values))] += precision
         equations.gradient[:] += precision * values
 

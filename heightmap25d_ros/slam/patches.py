@@ -54,19 +54,15 @@ class NormalEquations(NamedTuple):
         the height of the robot above the ground. It is symmetric: what is below the diagonal is
         not used.
     gradient : (D,) float64
-    cost : (1,) float64
-        Negative logarithm of the likelihood, but for what all poses have in common. A return that
-        is of no patch costs nothing, each of a patch less than nothing.
     """
 
     matrix: Array
     gradient: Array
-    cost: Array
 
     @classmethod
     def zero(cls, size: int) -> NormalEquations:
         """Without any information."""
-        return cls(np.zeros((size, size)), np.zeros(size), np.zeros(1))
+        return cls(np.zeros((size, size)), np.zeros(size))
 
 
 class Returns(NamedTuple):
@@ -255,7 +251,7 @@ def add_patch(  # noqa: C901, PLR0913
     at, seen, beams, pose_of, is_contact, centre, across, axes, settings, equations, height,
 ):  # fmt: skip
     """Hold returns to a patch whose offset and tilts are eliminated."""
-    matrix, gradient, cost = equations
+    matrix, gradient = equations
     share, tolerance, _ = settings
     poses = _count(pose_of)
     # The last one stands for what all poses have in common, of which the first is the height.
@@ -273,9 +269,8 @@ def add_patch(  # noqa: C901, PLR0913
         if np.dot(axes[0], beams[i]) > _BEHIND:
             continue
         residual = _rows(at[i] - centre, seen[i], beams[i], axes, row, patch_row)
-        counted = information * (_CONTACT if is_contact[i] else 1.0)
-        weight = counted / (1.0 + residual**2 / tolerance) ** 2
-        cost[0] -= 0.5 * counted * tolerance / (1.0 + residual**2 / tolerance)
+        weight = information / (1.0 + residual**2 / tolerance) ** 2
+        weight *= _CONTACT if is_contact[i] else 1.0
         begin = STATES * pose_of[i]
         for a in range(6):
             of_pose[k, a] += weight * row[a] * residual

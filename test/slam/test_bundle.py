@@ -175,6 +175,35 @@ def test_noise_of_ranges_does_not_draw_poses_together():
     assert abs(aimed) < 0.05 * upright
 
 
+def along_a_thin_wall(rng, side, heights):
+    """What a robot sees of the face of a wall 0.1 m thick, on either side of it, from 5 poses."""
+    positions = np.column_stack([np.linspace(-1.0, 1.0, 5), np.full(5, 2.0 * side), np.zeros(5)])
+    x, z = rng.uniform(-1.0, 1.0, (5, 300)), rng.uniform(*heights, (5, 300))
+    y = np.full((5, 300), 0.05 * side) + rng.normal(0.0, 0.005, (5, 300))
+    return positions, np.stack([x, y, z], axis=2) - positions[:, None]
+
+
+@pytest.mark.parametrize("heights", [(0.1, 0.12), (-1.0, 1.0)])  # of a row, of all of it
+def test_the_faces_of_a_thin_wall_do_not_hold_one_another(heights):
+    """As one surface they would draw poses together that are on either side of it."""
+    rng = np.random.default_rng(9)
+    sides = [along_a_thin_wall(rng, side, heights) for side in (-1.0, 1.0)]
+    positions, seen = (np.concatenate(part) for part in zip(*sides, strict=True))
+    seen, pose_of = seen.reshape(-1, 3), np.repeat(np.arange(10), 300)
+    beams = seen / np.linalg.norm(seen, axis=1)[:, None]
+    equations = NormalEquations.zero(STATES * 11)
+    returns = Returns(seen, beams, pose_of, np.zeros(len(seen), np.bool_))
+    add_patches(returns, positions, 1.0, 0.1, equations)
+    nearer = np.zeros(len(equations.gradient))
+    nearer[1 : 5 * STATES : STATES] = 1.0  # all poses on one side, along y
+    upper = np.triu(equations.matrix)
+    stiffness = nearer @ (upper + np.triu(upper, 1).T) @ nearer
+    held = np.diag(equations.matrix) @ nearer  # by the wall, each for itself
+    assert held > 1e6
+    assert stiffness < 1e-3 * held
+    assert abs(equations.gradient @ nearer) < 1e-4 * held
+
+
 def on_a_slope(height):
     """Poses (20, 4, 4) on z = 0.2 x, with base_link at a height above it."""
     poses = np.zeros((20, 6))
