@@ -9,6 +9,8 @@ import pytest
 from hypothesis import HealthCheck, settings
 from properties import USUAL
 
+import heightmap25d_ros  # noqa: F401 - before NumPy, so that BLAS has one thread here as in commands
+
 # No test is timed: the machine may be busy, and the first call of a kernel compiles it.
 UNTIMED = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 # The same examples in each run; `pytest --hypothesis-profile explore` looks for new ones.

@@ -269,9 +269,9 @@ def test_a_correction_moves_later_scans_into_the_map(tmp_path):
 @pytest.mark.parametrize("is_left", [False, True])
 def test_map_to_odom_is_told_unless_it_is_left_to_localization(tmp_path, is_left):
     """Also before localization is there, which takes its time to start."""
-    client = Client()
+    client = Client("/told")
     told = []
-    client.node.create_subscription(TFMessage, "/tf", told.append, 10)
+    client.node.create_subscription(TFMessage, "tf", told.append, 10)
     times = iter(range(0, 10**6, 20))
     until = math.inf
 
@@ -280,7 +280,7 @@ def test_map_to_odom_is_told_unless_it_is_left_to_localization(tmp_path, is_left
         return bool(told) or time.monotonic() > until
 
     left = "-p", f"mapping.needs_localization:={str(is_left).lower()}"
-    with mapping_node(tmp_path, *MOUNT, *left):
+    with mapping_node(tmp_path, *MOUNT, *left, "-r", "/tf:=tf", namespace="/told"):
         client.wait_for_node()
         if is_left:
             until = time.monotonic() + 2.0 * map_transform.SILENCE
