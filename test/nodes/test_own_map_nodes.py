@@ -51,13 +51,17 @@ def nodes(client, directory, own_map, *mapping):
 
 
 def play(client, poses, begin, end):
-    """Play a part of the drive, and wait until the poses that are told have come to its end."""
+    """Play a part of the drive, and wait until poses and map have come to its end."""
     part = "--start", str(begin), "--duration", str(end - begin)
     played = replay(BAGS / "room_1", "--rate", "2", *part)
     client.wait(lambda: played.poll() is not None, 2 * PATIENCE)
     last = BEGIN + round((end - 0.3) * 1e9)
-    client.wait(lambda: bool(poses) and decode.stamp_ns(poses[-1].header) >= last, PATIENCE)
-    client.spin(1.0)
+
+    def are_told():
+        newest = [*poses[-1:], *filter(None, [client.newest.get("height_grid")])]
+        return len(newest) == 2 and all(decode.stamp_ns(m.header) >= last for m in newest)
+
+    client.wait(are_told, PATIENCE)
 
 
 def errors(messages, truth):
