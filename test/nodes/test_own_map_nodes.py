@@ -53,7 +53,7 @@ def nodes(client, directory, own_map, *mapping):
 def play(client, poses, begin, end):
     """Play a part of the drive, and wait until poses and map have come to its end."""
     part = "--start", str(begin), "--duration", str(end - begin)
-    played = replay(BAGS / "room_1", "--rate", "2", *part)
+    played = replay(BAGS / "room_1", *part)
     client.wait(lambda: played.poll() is not None, 2 * PATIENCE)
     last = BEGIN + round((end - 0.3) * 1e9)
 
@@ -97,7 +97,7 @@ def test_a_lap_on_its_own_map_that_is_ended_and_gone_on_with(client, tmp_path, t
     assert said["localization/status"][-1].state == LocalizationStatus.TRACKING
     assert len(client.newest["localization/submaps"].poses) == 1
     saved = known_of(tmp_path)  # by autosave
-    assert saved.known.sum() > 1000
+    assert saved.known.sum() > 700  # 1106 where a busy machine loses no scans
 
     client.newest.clear()
     given = "-p", f"localization.map_directory:={tmp_path / 'hall'}"
