@@ -97,7 +97,7 @@ def test_a_lap_on_its_own_map_that_is_ended_and_gone_on_with(client, tmp_path, t
     assert said["localization/status"][-1].state == LocalizationStatus.TRACKING
     assert len(client.newest["localization/submaps"].poses) == 1
     saved = known_of(tmp_path)  # by autosave
-    assert saved.known.sum() > 700  # 1106 where a busy machine loses no scans
+    assert saved.known.sum() > 1000
 
     client.newest.clear()
     given = "-p", f"localization.map_directory:={tmp_path / 'hall'}"
